@@ -28,6 +28,16 @@ def spread(columns: Array) -> Array:
     return np.where(deviation > 0.0, deviation, np.where(size > 0.0, size, 1.0))
 
 
+def passes(values: Array, low: float, high: float) -> int:
+    """How often a series gets from below one level to above a higher one, or back.
+
+    >>> passes(np.array([0.0, 1.0, 0.4, 1.0, 0.0]), 0.2, 0.8)
+    2
+    """
+    side = (values > high).astype(int) - (values < low)
+    return int(np.count_nonzero(np.diff(side[side != 0])))
+
+
 def group_labels(groups: object, n_rows: int, name: str = "groups") -> NDArray:
     """The trajectory of each row, checked; None means one trajectory."""
     return np.zeros(n_rows, dtype=int) if groups is None else labels(name, groups, n_rows)

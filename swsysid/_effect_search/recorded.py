@@ -243,16 +243,17 @@ def _with_events(outcome: RecordedOutcome) -> RecordedOutcome:
     Nothing else could predict it; its evidence is that of the samples in which it acts.
     """
     search, engine = outcome.search, outcome.search.engine
-    once = [one for one in search.library if one.choices(search.stretches.seen) > 1.0]
+    once = [one for one in search.library if one.acts_once]
     if not once or len(outcome.findings) == search.most:
         return outcome
     whole = replace(search, stretches=outcome.every, library=once)
-    first, last = (
-        whole.model(engine.fitted(model.law, outcome.every))
-        for model in (outcome.models[0], outcome.models[-1])
-    )
-    found = Searched(whole, (first, last), outcome.findings).went_on(lambda: None)
-    more = (engine.fitted(model.law, search.stretches) for model in found.models[2:])
+    known = (
+        *outcome.models[:1],
+        *outcome.models[1:][-1:],
+    )  # the first, and the last if it is another
+    begun = tuple(whole.model(engine.fitted(model.law, outcome.every)) for model in known)
+    found = Searched(whole, begun, outcome.findings).went_on(lambda: None)
+    more = (engine.fitted(model.law, search.stretches) for model in found.models[len(begun) :])
     return replace(outcome, models=(*outcome.models, *more), findings=found.findings)
 
 
@@ -263,8 +264,8 @@ def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
     judge whether there is such an effect.
     """
     search, last = outcome.search, outcome.models[-1]
-    seen, whole = search.stretches.seen, replace(search, stretches=outcome.every)
-    once = [k for k, term in enumerate(last.law.terms) if term.effect.choices(seen) > 1.0]
+    whole = replace(search, stretches=outcome.every)
+    once = [k for k, term in enumerate(last.law.terms) if term.effect.acts_once]
     if not once:
         return outcome
     fit = outcome.refitted(last.law)
@@ -315,9 +316,9 @@ def _judges(term: PlacedEffect, held_out: Stretches) -> Stretches:
     Of one that acts for some time these are none where it never acts, and not those stretches in
     which it begins or ends, or about: nobody has searched them for the instant.
     """
-    seen = held_out.seen
-    if term.effect.choices(seen) == 1.0:
+    if not term.effect.acts_once:
         return held_out
+    seen = held_out.seen
     t, instants = seen.t, term.effect.parameters(seen, term.place)[0].values
     assert t is not None
     near = 2.0 * float(instants[1] - instants[0])

@@ -129,7 +129,7 @@ class SearchContext:
     def why_not(self, effect: Effect) -> str | None:
         """Why an effect is not looked for; None if it is."""
         why = effect.missing(self.data.records) or self.model.refuses(effect)
-        if why is None and effect.choices(self.data.records) > 1.0:
+        if why is None and effect.acts_once:
             return "is looked for where there is one law; rows that are set aside say when it acts"
         return why
 

@@ -37,8 +37,12 @@ class Candidate:
 def is_sought(effect: Effect) -> bool:
     """True of what can be told in recordings of one law: what changes it, and what sensors do."""
     # a function without a name has columns once its channel is known
-    changes = bool(effect.terms) or isinstance(effect, (RateEffect, UnknownFunction))
+    changes = _changes_the_law(effect) or isinstance(effect, UnknownFunction)
     return changes or is_of_a_sensor(effect)
+
+
+def _changes_the_law(effect: Effect) -> bool:
+    return bool(effect.terms) or isinstance(effect, RateEffect)
 
 
 def is_of_a_sensor(effect: Effect) -> bool:
@@ -51,8 +55,7 @@ def candidates(
 ) -> Iterator[Candidate]:
     """All of them, the simplest explanation first."""
     for effect in (one for each in effects for one in (each, *each.elsewhere(records))):
-        changes_the_law = bool(effect.terms) or isinstance(effect, RateEffect)
-        if not changes_the_law or effect.missing(records) is not None:
+        if not _changes_the_law(effect) or effect.missing(records) is not None:
             continue
         for place in effect.places(records):
             ranges = effect.parameters(records, place)

@@ -33,11 +33,6 @@ class Left:
     samples: Array  # (n_samples, n_states)
     series: tuple[Rows, ...]  # numbers of the samples of each stretch
 
-    @property
-    def errors(self) -> Array:
-        """Root mean squares, (n_states,)."""
-        return np.asarray(np.sqrt(np.nanmean(np.square(self.samples), axis=0)))
-
     @cached_property
     def memory(self) -> float:
         """Samples that are worth one, at most of any state."""

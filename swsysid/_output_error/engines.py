@@ -10,6 +10,7 @@ from swsysid._output_error.criterion import Left
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import Score
+from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 
@@ -23,10 +24,16 @@ class Engine:
     left_of: Callable[..., Array]  # the same by the law alone, which nothing helps
     scores: Callable[..., Sequence[Score]]  # of a fit
     stepped: Callable[[Law, Stretches], Stretches]  # in steps that the law allows
+    disturbances: tuple[float, ...]  # of a law, with each of which a first effect is looked for
 
 
 RATES = Engine(
-    estimate.fitted, estimate.left_over, estimate.rolled_out, scan.scores, estimate.stepped
+    estimate.fitted,
+    estimate.left_over,
+    estimate.rolled_out,
+    scan.scores,
+    estimate.stepped,
+    SETTINGS.disturbances,
 )
 QUANTITIES = Engine(
     regression.fitted,
@@ -34,4 +41,5 @@ QUANTITIES = Engine(
     regression.left_of,
     regression.scores,
     lambda _, own: own,
+    SETTINGS.disturbances[:1],  # nothing is rolled out
 )

@@ -108,11 +108,10 @@ class Fitted(Fit):
         estimate, _ = _begun(wider, stretches, self.courses)
         with np.errstate(all="ignore"):
             equations = self.reached.objective.normal_equations(estimate)
-        ends = np.cumsum([wider.declared.shape[1], *(len(t.effect.terms) for t in wider.terms)])
         _, _, feature = estimate.laws.places
         places = [
-            np.flatnonzero((feature >= low) & (feature < high))
-            for low, high in zip(ends[:-1], ends[1:], strict=True)
+            np.flatnonzero((feature >= own.start) & (feature < own.stop))
+            for own in wider.columns_of
         ]
         return equations.covariance().of_laws, places
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,11 +84,16 @@ class Law:
         coef[:, : replaced.shape[1]][replaced] = 0.0
         return wider
 
+    @property
+    def columns_of(self) -> list[slice]:
+        """Which columns of the coefficients each of the effects has."""
+        ends = np.cumsum([self.declared.shape[1], *(len(t.effect.terms) for t in self.terms)])
+        return [slice(low, high) for low, high in pairwise(ends.tolist())]
+
     def without(self, place: int) -> Law:
         """The same law without one of its effects."""
-        ends = np.cumsum([self.declared.shape[1], *(len(t.effect.terms) for t in self.terms)])
         kept = np.ones(self.coef.shape[1], dtype=bool)
-        kept[ends[place] : ends[place + 1]] = False
+        kept[self.columns_of[place]] = False
         terms = (*self.terms[:place], *self.terms[place + 1 :])
         return replace(self, terms=terms, coef=self.coef[:, kept])
 
@@ -97,9 +103,7 @@ class Law:
 
     def coefficients(self, place: int) -> Array:
         """Of one of the effects, (n_terms,)."""
-        start = self.declared.shape[1] + sum(len(t.effect.terms) for t in self.terms[:place])
-        term = self.terms[place]
-        return self.coef[term.target, start : start + len(term.effect.terms)]
+        return self.coef[self.terms[place].target, self.columns_of[place]]
 
     @property
     def replaced(self) -> NDArray[np.bool_]:
@@ -130,13 +134,11 @@ class Law:
         What acts at none of them keeps the coefficient that it has.
         """
         told, place = np.ones(self.coef.shape, dtype=bool), 0
-        column = self.declared.shape[1]
-        for term in self.terms:
-            count = len(term.effect.terms)
+        for term, own in zip(self.terms, self.columns_of, strict=True):
             if remembers(term):
-                told[:, column : column + count] = further[:, place : place + count].any(axis=0)
+                count = len(term.effect.terms)
+                told[:, own] = further[:, place : place + count].any(axis=0)
                 place += count
-            column += count
         return told
 
     @property

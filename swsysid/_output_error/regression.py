@@ -46,8 +46,7 @@ class Regressed(Fit):
     def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
         rows = Weighted.of(wider, stretches)
         own, number = rows.own / self.noise, np.cumsum(rows.free) - 1
-        ends = np.cumsum([wider.declared.shape[1], *(len(t.effect.terms) for t in wider.terms)])
-        places = [number[low:high] for low, high in zip(ends[:-1], ends[1:], strict=True)]
+        places = [number[columns] for columns in wider.columns_of]
         return np.asarray(np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)), places
 
 

@@ -62,11 +62,12 @@ class Searched:
 
     def is_clearer(self, other: Searched) -> bool:
         """Whether the first effect explains surely more of what the declared model leaves."""
-        own, theirs = (
-            fall(*(model.unseen for model in (one.models[0], one.models[:2][-1])))
-            for one in (self, other)
-        )
-        return own.share > theirs.share + theirs.error
+        return self.first_fall.share > other.first_fall.share + other.first_fall.error
+
+    @property
+    def first_fall(self) -> Fall:
+        """By how much the first effect lowers what the declared model leaves, if there is one."""
+        return fall(self.models[0].unseen, self.models[min(1, len(self.findings))].unseen)
 
     def with_one_more(self, model: Model, finding: Finding) -> Searched:
         """The same with one effect more."""
@@ -105,7 +106,7 @@ class Search:
     def run(self, declared: Law) -> Searched:
         """The declared model and those with one effect more each; the effects."""
         with progress(self.most, "rounds of the search", self.verbose) as bar:
-            starts = [self.disturbed(one).started(declared) for one in SETTINGS.disturbances]
+            starts = [self.disturbed(one).started(declared) for one in self.engine.disturbances]
             done = starts[0]
             for other in starts[1:]:
                 done = other if other.is_clearer(done) else done
@@ -278,18 +279,16 @@ class Search:
 
     def _p_value(self, now: Model, model: Model) -> float:
         """Of a last effect, for all that could have been chosen in its place."""
-        count = len(SETTINGS.disturbances) * len(self.candidates) * self._n_choices(model)
+        own = model.law.terms[-1].effect.choices(self.stretches.seen)
+        count = len(self.engine.disturbances) * len(self.candidates) * own
         return min(1.0, count * self.gain(now, model).p_value)
-
-    def _n_choices(self, model: Model) -> float:
-        return model.law.terms[-1].effect.choices(self.stretches.seen)
 
     def _least(self, model: Model) -> float:
         """Share of what the declared law has left that is worth telling.
 
         Of what acts once, and predicts nothing of other times, as much as of what is left now.
         """
-        is_once = self._n_choices(model) > 1.0
+        is_once = model.law.terms[-1].effect.acts_once
         return SETTINGS.worthwhile if is_once else SETTINGS.worth_telling
 
     def _pays(self, now: Model, model: Model, most: float) -> bool:
@@ -297,7 +296,7 @@ class Search:
 
         Where it is not, it hides nothing that predicts.
         """
-        return self._n_choices(model) == 1.0 or self._p_value(now, model) < most
+        return not model.law.terms[-1].effect.acts_once or self._p_value(now, model) < most
 
     @property
     def values(self) -> Values:

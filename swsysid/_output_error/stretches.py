@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from swsysid._data.recordings import Record
 from swsysid._data.records import Records
+from swsysid._data.trajectories import passes
 from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
@@ -185,12 +186,11 @@ def _horizon(measured: Array, runs: Sequence[Rows]) -> float:
     Over longer stretches what adds up is what nobody has declared, and hides what an effect does.
     """
     low, high = np.quantile(measured, SETTINGS.to_and_fro, axis=0)
-    turns = np.zeros(measured.shape[1])
-    for run in runs:
-        X = measured[run]
-        for state, side in enumerate(((X > high).astype(int) - (X < low)).T):
-            turns[state] += np.count_nonzero(np.diff(side[side != 0]))
-    slowest = sum(map(len, runs)) / max(1.0, float(turns.min()))
+    turns = [
+        sum(passes(column[run], *ends) for run in runs)
+        for column, *ends in zip(measured.T, low, high, strict=True)
+    ]
+    slowest = sum(map(len, runs)) / max(1, min(turns))
     return SETTINGS.turns_of_a_stretch * slowest
 
 

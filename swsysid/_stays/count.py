@@ -127,6 +127,7 @@ def fewest_modes(
     """
     found: list[StayIdentification] = []
     asked: list[int] = []
+    candidates: list[CountCandidate] = []
     for n_modes in counts:
         if found and is_exact(found[-1]):
             break
@@ -140,7 +141,6 @@ def fewest_modes(
         if n_modes > 2 and (gone or worse):
             break
     while True:
-        candidates = criteria(asked, found)
         best = int(first_least([one.criterion for one in candidates]))
         n_modes = len(found[best].estimate.laws.coef)
         fewer = merged(found[best]) if n_modes > 2 and not is_exact(found[best]) else None

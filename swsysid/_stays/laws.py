@@ -99,8 +99,13 @@ class Laws:
         features = self.features(np.concatenate([x, u], axis=1))
         return self._shaped(np.matmul(self.coef[modes], features[:, :, None])[:, :, 0], x)[0]
 
-    def _shaped(self, rates: Array, x: Array) -> tuple[Array, Array]:
-        """What becomes of rates (n_rows, n_states) of the laws, and by how much it changes."""
+    def _shaped(self, rates: Array, x: Array) -> tuple[Array, Array | None]:
+        """What becomes of rates (n_rows, n_states) of the laws, and by how much it changes.
+
+        None where they stay what they are.
+        """
+        if not self.shapes:
+            return rates, None
         slopes = np.ones_like(rates)
         for state, of_rate, arguments in self.shapes:
             rates[:, state], slope = of_rate(rates[:, state], x[:, state], *arguments)
@@ -171,10 +176,12 @@ class Laws:
             stages.append(np.concatenate([now, at], axis=1))
             value, jacobian = self.linear(mode, stages[-1])
             rate, slope = self._shaped((self.coef[mode] @ value).T, now)
+            if slope is not None:
+                slopes.append(slope.T)
+                jacobian = jacobian * slope.T
             rates.append(rate)
-            slopes.append(slope.T)
             values.append(value)
-            jacobians.append(jacobian * slopes[-1] if self.shapes else jacobian)
+            jacobians.append(jacobian)
         ends = x + (h / 6.0)[:, None] * (rates[0] + 2.0 * (rates[1] + rates[2]) + rates[3])
         # from the last stage backwards
         every, changes = np.arange(x.shape[1]), np.zeros((4, x.shape[1], x.shape[1], len(x)))
@@ -184,7 +191,7 @@ class Laws:
             changes[stage, every, every] += weight / 6.0 * h
         by_state = np.einsum("ibcr,icar->bar", np.array(jacobians), changes)
         by_state[every, every] += 1.0
-        if self.shapes:
+        if slopes:
             changes = changes * np.array(slopes)[:, :, None]
         by_law = self._by_unknowns(mode, stages, np.array(values), changes)
         for beyond, bound in self._beyond(ends):

@@ -71,6 +71,8 @@ class Effect(BaseEstimator):
         stead where it explains all but a trifle of the same.
     lowers_nothing : str
         Why a model with it predicts no velocity better; "" if it does.
+    acts_once : bool
+        True of what happens at a time of the record, and says nothing of others.
     prior : ndarray of shape (n_rows, n_terms)
         Rows beside those of the data that say of some sums of coefficients that they are zero:
         more than none only where the data may say nothing of a coefficient.
@@ -99,6 +101,7 @@ class Effect(BaseEstimator):
     role: ClassVar[str] = "adds"
     special_cases: ClassVar[frozenset[str]] = frozenset()
     lowers_nothing: ClassVar[str] = ""
+    acts_once: ClassVar[bool] = False
 
     @property
     def prior(self) -> Array:
@@ -133,7 +136,7 @@ class Effect(BaseEstimator):
         return ()
 
     def choices(self, records: Records) -> float:
-        """How many choices are made by what judges the effect, as of an interval that acts once.
+        """How many choices are made by what judges the effect; more than one if it acts once.
 
         One by default: others are judged by what took no part in their choice.
         """

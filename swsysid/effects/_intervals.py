@@ -41,6 +41,7 @@ class TimeInterval(Effect):
     )
     terms = ("change",)
     needs = frozenset({"time"})
+    acts_once = True
 
     def __init__(self, ends: bool = True):
         self.ends = ends

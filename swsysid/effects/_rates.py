@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from swsysid._data.records import Records
+from swsysid._data.trajectories import passes
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS, Parameter, Place, figure, quantile_levels
 from swsysid.effects._types import WithoutColumns
@@ -58,12 +59,8 @@ def _pace(records: Records, place: Place) -> float:
     if t is None:
         return 0.0
     low, high = np.quantile(values, [0.25, 0.75])
-    side = (values > high).astype(int) - (values < low)
-    lasted, passed = 0.0, 0
-    for rows in records.trajectories:
-        own = side[rows]
-        passed += int(np.count_nonzero(np.diff(own[own != 0])))
-        lasted += float(np.ptp(t[rows]))
+    passed = sum(passes(values[rows], low, high) for rows in records.trajectories)
+    lasted = sum(float(np.ptp(t[rows])) for rows in records.trajectories)
     return float((high - low) * max(passed, 1) / lasted) if lasted > 0.0 else 0.0
 
 
