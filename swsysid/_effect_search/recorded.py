@@ -247,10 +247,8 @@ def _with_events(outcome: RecordedOutcome) -> RecordedOutcome:
     if not once or len(outcome.findings) == search.most:
         return outcome
     whole = replace(search, stretches=outcome.every, library=once)
-    known = (
-        *outcome.models[:1],
-        *outcome.models[1:][-1:],
-    )  # the first, and the last if it is another
+    # the first, and the last if it is another one
+    known = (*outcome.models[:1], *outcome.models[1:][-1:])
     begun = tuple(whole.model(engine.fitted(model.law, outcome.every)) for model in known)
     found = Searched(whole, begun, outcome.findings).went_on(lambda: None)
     more = (engine.fitted(model.law, search.stretches) for model in found.models[len(begun) :])
