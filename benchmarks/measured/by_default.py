@@ -169,13 +169,13 @@ CASES: dict[str, tuple[str, tuple[str, ...], str, Callable]] = {
     "pendulum": ("dry friction", FRICTION, ".119 → .028 rad", _pendulum),
     "motor": ("dead zone", ("dead_zone",), "26.6 → 4.9 rpm", _motor),
     "cart": ("dry friction, delay (weak)", (*FRICTION, *MEMORY), "hardly", _cart),
-    "damper": (
-        "backlash of x, dry friction",
-        ("backlash", *FRICTION),
-        "1.80 → .69 kip",
-        _damper,
+    "damper": ("backlash of x", ("backlash",), "1.80 → .69 kip", _damper),
+    "throttle": (
+        "stick, dry friction, end stop",
+        ("stick", "end_stop", *FRICTION),
+        ".0756 → .0368 rad",
+        _throttle,
     ),
-    "throttle": ("stick, dry friction", FRICTION, ".0756 → .0368 rad", _throttle),
     "pneumatic seal": (
         "friction by direction, more of it under pressure",
         (*FRICTION, "load_friction"),
