@@ -160,7 +160,8 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         ----------
         x : array-like of shape (n_samples, n_channels), or a list of recordings
             Measured states, NaN where a value is missing. A recording is a dict with ``t``, ``x``
-            and, if there are any, ``inputs``; the other arguments are then left out.
+            and, if there are any, ``inputs``; the other arguments are then left out. Or a list of
+            tables, with lists of times and inputs.
         t : array-like of shape (n_samples,), default=None
             Times, increasing within each recording; they may be uneven and differ in rate. Two
             rows at one time are the left and the right limit of an event.

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._data.features import linear_features
 from swsysid._data.records import Records
@@ -44,7 +45,11 @@ class RecordedOutcome:
     models: tuple[Fit, ...]  # fitted to the searched part
     findings: tuple[Finding, ...]
     tried: tuple[tuple[Finding, Array, Array], ...]  # not kept: errors held out before and after
-    final: Fit  # fitted to all
+
+    @cached_property
+    def final(self) -> Fit:
+        """The last law, fitted to all."""
+        return self.refitted(self.models[-1].law)
 
     @cached_property
     def held_out(self) -> Stretches:
@@ -95,9 +100,9 @@ class RecordedOutcome:
         answers, slope = [], len(law.terms)
         for place, term in enumerate(law.terms):
             if term.effect.terms:
-                rows = np.concatenate([places[place], *places[slope : slope + len(term.theta)]])
+                own = [places[place], *places[slope : slope + len(term.theta)]]
                 slope += len(term.theta)
-                answers.append(longer * covariance[np.ix_(rows, rows)])
+                answers.append(_of_columns(term, own, longer * covariance, every.seen))
             elif isinstance(term.effect, RateEffect):
                 answers.append(longer * self._variance(place))
             else:  # of a sensor, beside laws that are known
@@ -215,12 +220,28 @@ def searched_recordings(
     targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
-    done = search.run(law)
-    tried: list[tuple[Finding, Array, Array]] = []
+    begun = RecordedOutcome(search, measured, split, declared, (), (), ())
+    outcome = _sound(begun, search.run(law))
+    further = _with_events(outcome, significance)
+    if len(further.findings) > len(outcome.findings):
+        # laws had bent to what happened: beside it shows what else there is, refuted before or not
+        search = replace(outcome.search, refuted=(), significance=significance / 2.0)
+        models = tuple(search.model(fit) for fit in further.models)
+        done = Searched(search, models, further.findings)
+        further = _sound(further, done.went_on(lambda: None))
+    return further
+
+
+def _sound(outcome: RecordedOutcome, done: Searched) -> RecordedOutcome:
+    """What a search has found and other stretches do not refute.
+
+    What was found beside an effect that is refuted rests on it, and is looked for again.
+    """
+    tried = list(outcome.tried)
     while True:
         models = tuple(one.fit for one in done.models)
-        outcome = RecordedOutcome(
-            done.search, measured, split, declared, models, done.findings, (), models[-1]
+        outcome = replace(
+            outcome, search=done.search, models=models, findings=done.findings, tried=()
         )
         outcome = _with_instants(outcome)
         listed = [one.candidate for one in outcome.findings]
@@ -228,53 +249,56 @@ def searched_recordings(
         tried += outcome.tried
         kept = [one.candidate for one in outcome.findings]
         n_sound = next((k for k, one in enumerate(listed) if one not in kept), len(listed))
-        # what was found beside an effect that is refuted rests on it
         is_done = n_sound == len(kept) and (n_sound or not listed)
-        if is_done or len(done.search.refuted) == most:
-            break
+        if is_done or len(done.search.refuted) == outcome.search.most:
+            return replace(outcome, tried=tuple(tried))
         done = done.search.again(done, n_sound, listed[n_sound])
-    outcome = _with_events(replace(outcome, tried=tuple(tried)))
-    return replace(outcome, final=outcome.refitted(outcome.models[-1].law))
 
 
-def _with_events(outcome: RecordedOutcome) -> RecordedOutcome:
+def _with_events(outcome: RecordedOutcome, significance: float) -> RecordedOutcome:
     """With what happened where a part was held out, and spoils what that part says otherwise.
 
-    Nothing else could predict it; its evidence is that of the samples in which it acts.
+    Nothing else could predict it; its evidence is that of the samples in which it acts. What was
+    refuted before it was seen costs it nothing.
     """
     search, engine = outcome.search, outcome.search.engine
     once = [one for one in search.library if one.acts_once]
     if not once or len(outcome.findings) == search.most:
         return outcome
-    whole = replace(search, stretches=outcome.every, library=once)
-    # the first, and the last if it is another one
-    known = (*outcome.models[:1], *outcome.models[1:][-1:])
-    begun = tuple(whole.model(engine.fitted(model.law, outcome.every)) for model in known)
+    whole = replace(search, stretches=outcome.every, library=once, significance=significance)
+    begun = tuple(whole.model(outcome.refitted(model.law)) for model in outcome.models)
     found = Searched(whole, begun, outcome.findings).went_on(lambda: None)
     more = (engine.fitted(model.law, search.stretches) for model in found.models[len(begun) :])
     return replace(outcome, models=(*outcome.models, *more), findings=found.findings)
 
 
 def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
-    """Instants at which something begins or ends as all samples show them.
+    """What acts once, when, and how surely, as all samples show it.
 
-    One may lie where a part was held out, which the others do not tell then. That part does not
-    judge whether there is such an effect.
+    It may begin or end where a part was held out, which the others do not tell then, nor what it is
+    that acts otherwise.
     """
-    search, last = outcome.search, outcome.models[-1]
-    whole = replace(search, stretches=outcome.every)
-    once = [k for k, term in enumerate(last.law.terms) if term.effect.acts_once]
-    if not once:
+    search, law = outcome.search, outcome.models[-1].law
+    library = [one for one in search.library if one.acts_once]
+    whole = replace(search, stretches=outcome.every, library=library, refuted=())
+    findings = list(outcome.findings)
+    for place, finding in enumerate(findings):
+        if not finding.candidate.effect.acts_once:
+            continue
+        rest, term = law.without(place), law.terms[place]
+        less, best = (whole.model(outcome.refitted(one)) for one in (rest, rest.beside([term])))
+        better = whole.round(less, less)
+        if better is not None and whole.gain(best, better[0]).share > 0.0:
+            best, term = better[0], better[0].law.terms[-1]
+        law = law.exchanged(place, term)
+        findings[place] = replace(finding, candidate=term, p_value=whole.p_value(less, best))
+    if law is outcome.models[-1].law:
         return outcome
-    fit = outcome.refitted(last.law)
-    for place in 2 * once:  # begin and end, of several: each moves what is best for the others
-        fit = whole.values.refined(fit, place)
-    laws, findings = [model.law for model in outcome.models], list(outcome.findings)
-    for place in once:
-        term = fit.law.terms[place]
-        findings[place] = replace(findings[place], candidate=term)
-        laws[place + 1 :] = [law.exchanged(place, term) for law in laws[place + 1 :]]
-    models = tuple(search.engine.fitted(law, search.stretches) for law in laws)
+    # a change that the searched part does not tell stays what all samples say
+    laws = [outcome.refitted(law).law]
+    for _ in findings:
+        laws.append(laws[-1].without(len(laws[-1].terms) - 1))
+    models = tuple(search.engine.fitted(one, search.stretches) for one in reversed(laws))
     return replace(outcome, models=models, findings=tuple(findings))
 
 
@@ -282,20 +306,19 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
     """Without effects without which what was held out is predicted as well, the last ones first.
 
     What was held out took no part in any choice: it judges each effect once, beside all others, and
-    what it says for or against it adds to the evidence of the stretches that were searched.
+    what it says for or against it adds to the evidence of the stretches that were searched. What
+    acts once has been judged by all samples.
     """
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
     last, engine = outcome.models[-1], outcome.search.engine
     for place in reversed(range(len(kept))):
-        judges = _judges(last.law.terms[place], outcome.held_out)
-        if not len(judges):
-            continue
         less = engine.fitted(last.law.without(place), stretches)
-        both = [engine.left_over(fit, judges) for fit in (less, last)]
-        judged = fall(*both)
-        p_value = min(1.0, kept[place].p_value * np.exp(-judged.nats))
-        kept[place] = replace(kept[place], p_value=float(p_value))
-        if judged.share <= 0.0 or p_value > outcome.search.significance:
+        p_value, is_better = kept[place].p_value, True
+        if not kept[place].candidate.effect.acts_once:
+            judged = fall(*(engine.left_over(fit, outcome.held_out) for fit in (less, last)))
+            p_value, is_better = min(1.0, p_value * np.exp(-judged.nats)), judged.share > 0.0
+            kept[place] = replace(kept[place], p_value=float(p_value))
+        if not is_better or p_value > outcome.search.significance:
             before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
             tried.append((kept.pop(place), before, after))
             last = less
@@ -306,27 +329,6 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
             laws.append(laws[-1].without(len(laws[-1].terms) - 1))
         models = (*(engine.fitted(law, stretches) for law in reversed(laws[1:])), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
-
-
-def _judges(term: PlacedEffect, held_out: Stretches) -> Stretches:
-    """What was held out and can say whether an effect is there.
-
-    Of one that acts for some time these are none where it never acts, and not those stretches in
-    which it begins or ends, or about: nobody has searched them for the instant.
-    """
-    if not term.effect.acts_once:
-        return held_out
-    seen = held_out.seen
-    t, instants = seen.t, term.effect.parameters(seen, term.place)[0].values
-    assert t is not None
-    near = 2.0 * float(instants[1] - instants[0])
-    sure = [
-        number
-        for number, part in enumerate(held_out.parts)
-        if not any(t[part[0]] - near < one < t[part[-1]] + near for one in term.theta)
-    ]
-    acts = bool(term.columns(seen)[held_out.some(sure).rows].any()) if sure else False
-    return held_out.some(sure if acts else [])
 
 
 def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[int, int]]:
@@ -352,6 +354,21 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
         sought[state] = False
         known[state, feature] = column @ features[:, feature] / np.sum(features[:, feature] ** 2)
     return Law.of(library, sought, known), moved
+
+
+def _of_columns(
+    term: PlacedEffect, places: Sequence[NDArray[np.intp]], covariance: Array, seen: Records
+) -> Array:
+    """Of coefficients and nonlinear parameters, of these as they were scanned where nothing tells.
+
+    The begin of what acts already when a recording begins is such a one.
+    """
+    ranges = term.effect.parameters(seen, term.place)
+    widths = np.array([1.0] * len(places[0]) + [float(np.ptp(one.values)) for one in ranges])
+    told = np.array([1] * len(places[0]) + [len(one) for one in places[1:]]) > 0
+    own, rows = np.diag(widths**2), np.concatenate(places)
+    own[np.ix_(told, told)] = covariance[np.ix_(rows, rows)]
+    return own
 
 
 def _steps(term: PlacedEffect, seen: Records) -> list[float]:

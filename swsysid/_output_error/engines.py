@@ -22,7 +22,7 @@ class Engine:
     fitted: Callable[..., Fit]  # a law, stretches; where it may begin
     left_over: Callable[..., Left]  # a fit, other stretches; where their states may begin
     left_of: Callable[..., Array]  # the same by the law alone, which nothing helps
-    scores: Callable[..., Sequence[Score]]  # of a fit
+    scores: Callable[..., Sequence[Score]]  # of a fit, by how nodes are tied
     stepped: Callable[[Law, Stretches], Stretches]  # in steps that the law allows
     disturbances: tuple[float, ...]  # of a law, with each of which a first effect is looked for
 

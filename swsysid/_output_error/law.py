@@ -14,6 +14,7 @@ from swsysid._output_error.breaks import Break, BreakingLaws
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid._stays.laws import Bound, Laws, Shape
+from swsysid._stays.nodes import Rows
 from swsysid.effects import Effect, PlacedEffect, RateEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import shaped
@@ -128,17 +129,16 @@ class Law:
             columns.append(term.effect.columns(unit, term.place, *term.theta))
         return np.hstack(columns)
 
-    def told(self, further: Array) -> NDArray[np.bool_]:
-        """Coefficients of which some rows of further columns say anything, of the shape of `coef`.
+    def told(self, seen: Records, rows: Rows) -> NDArray[np.bool_]:
+        """Coefficients of which some rows of records say anything, of the shape of `coef`.
 
-        What acts at none of them keeps the coefficient that it has.
+        What remembers and acts at none of them keeps the coefficient that it has.
         """
-        told, place = np.ones(self.coef.shape, dtype=bool), 0
+        told = np.ones(self.coef.shape, dtype=bool)
         for term, own in zip(self.terms, self.columns_of, strict=True):
             if remembers(term):
-                count = len(term.effect.terms)
-                told[:, own] = further[:, place : place + count].any(axis=0)
-                place += count
+                columns = term.effect.columns(seen, term.place, *term.theta)
+                told[:, own] = columns[rows].any(axis=0)
         return told
 
     @property
@@ -158,11 +158,11 @@ class Law:
         rates = np.hstack([self.library(seen.X), *columns]) @ self.coef.T
         return shaped(self.terms, rates, seen.X)
 
-    def laws(self, stretches: Stretches, spread: Array, further: Array) -> Laws:
+    def laws(self, stretches: Stretches, spread: Array) -> Laws:
         """Vector field of states, inputs, signals and further columns."""
         breaks = self.breaks
         features = self._features(stretches.seen, breaks, spread)
-        free = self.free & self.told(further[stretches.rows])
+        free = self.free & self.told(stretches.seen, stretches.rows)
         arguments = self.coef[None], features, spread, free[None]
         shapes, bounds = self._shapes_and_bounds()
         if breaks:

@@ -239,9 +239,9 @@ def explained(block: Array, left: Array, alone: Array) -> float:
     return max(0.0, float(left @ np.linalg.pinv(block, rcond=1e-8, hermitian=True) @ left))
 
 
-def scores(fit: Fitted) -> list[RolloutScore]:
+def scores(fit: Fitted, ties: Sequence[float] = SETTINGS.ties) -> list[RolloutScore]:
     """Over some numbers of samples."""
-    return [RolloutScore.of(fit, tie) for tie in SETTINGS.ties]
+    return [RolloutScore.of(fit, tie) for tie in ties]
 
 
 def _at_once(moves: Sequence[Array]) -> list[list[int]]:

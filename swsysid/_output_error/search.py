@@ -73,11 +73,20 @@ class Searched:
         """The same with one effect more."""
         return Searched(self.search, (*self.models, model), (*self.findings, finding))
 
+    @property
+    def standard(self) -> Model:
+        """What the worth of an effect is measured by: the declared law, and what happened first.
+
+        A lid that was opened leaves more than all that there is at other times.
+        """
+        happened = [one.candidate.effect.acts_once for one in self.findings]
+        return self.models[[*happened, False].index(False)]
+
     def went_on(self, after_each: Callable[[], None]) -> Searched:
         """The same with every further effect that is worth it."""
         done = self
         while len(done.findings) < self.search.most:
-            better = self.search.round(done.models[-1], done.models[0])
+            better = self.search.round(done.models[-1], done.standard)
             after_each()
             if better is None:
                 break
@@ -180,7 +189,7 @@ class Search:
         if found is None:
             return None
         chosen, level = found
-        own, p_value = chosen.law.terms[-1], self._p_value(now, chosen)
+        own, p_value = chosen.law.terms[-1], self.p_value(now, chosen)
         # the other half of the evidence may come from what is held out
         if p_value > np.sqrt(self.significance):
             return None
@@ -222,8 +231,8 @@ class Search:
                 fit = self.engine.fitted(law, self.stretches, near, noise, turns=2)
                 if isinstance(variant.effect, RateEffect):
                     fit = self.values.followed(fit)
-                if self._is_plausible(fit):
-                    yield fit
+                fits = self.values.rescanned(fit) if variant.effect.acts_once else (fit,)
+                yield from filter(self._is_plausible, fits)
 
     def _chosen(self, models: list[Model], now: Model) -> tuple[Model, list[Model]] | None:
         """The simplest that is as good as any, its nonlinear parameters refined, and its rivals."""
@@ -277,11 +286,12 @@ class Search:
         """By how much the error of unseen stretches falls from one model to another."""
         return fall(before.unseen, after.unseen)
 
-    def _p_value(self, now: Model, model: Model) -> float:
+    def p_value(self, now: Model, model: Model) -> float:
         """Of a last effect, for all that could have been chosen in its place."""
-        own = model.law.terms[-1].effect.choices(self.stretches.seen)
+        gained = self.gain(now, model)
+        own = model.law.terms[-1].effect.choices(self.stretches.seen, gained.count)
         count = len(self.engine.disturbances) * len(self.candidates) * own
-        return min(1.0, count * self.gain(now, model).p_value)
+        return min(1.0, count * gained.p_value)
 
     def _least(self, model: Model) -> float:
         """Share of what the declared law has left that is worth telling.
@@ -296,7 +306,7 @@ class Search:
 
         Where it is not, it hides nothing that predicts.
         """
-        return not model.law.terms[-1].effect.acts_once or self._p_value(now, model) < most
+        return not model.law.terms[-1].effect.acts_once or self.p_value(now, model) < most
 
     @property
     def values(self) -> Values:

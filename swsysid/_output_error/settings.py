@@ -28,10 +28,12 @@ class Settings:
     # ties of the nodes in a scan, in units of the noise: one over it are the samples over which
     # a candidate's contribution adds up before it is compared with the recording
     ties: tuple[float, ...] = (0.1, 0.02, 0.0055)
+    ties_of_instants: tuple[float, ...] = (1.0,)  # where it is sought when something happens
     turns_of_scan: int = 12
     columns_at_once: int = 256
     n_shortlisted: int = 6  # of each tie
     n_compared: int = 6  # on stretches that they were not fitted to
+    turns_of_scans: int = 10  # of what acts once, each of what the one before explains and leaves
     # of a value between its neighbours, and how often these move on: over a stretch held out
     turns_of_refinement: int = 12
     brackets: int = 12

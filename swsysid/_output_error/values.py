@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from swsysid._output_error.estimate import Courses, Fit
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
+from swsysid.effects import PlacedEffect
 
 
 def cost(fit: Fit) -> float:
@@ -40,6 +42,40 @@ class Values:
                 break
             fit = other
         return fit
+
+    def rescanned(self, fit: Fit) -> Iterator[Fit]:
+        """The last effect where what it explains and leaves shows it, and acting ever more often.
+
+        The law without it has bent to what happens once, and shows only roughly when.
+        """
+        place, seen = len(fit.law.terms) - 1, self.stretches.seen
+        while True:
+            fit, left = self._settled(fit)
+            yield fit
+            term = fit.law.terms[place]
+            coef = fit.law.coefficients(place)
+            more = term.effect.once_more(seen, term.place, term.theta, coef, left)
+            if more is None:
+                return
+            effect, theta = more
+            other = self._with(fit, place, replace(term, effect=effect, theta=theta))
+            if 2.0 * (cost(fit) - cost(other)) < SETTINGS.worthwhile:
+                return
+            fit = other
+
+    def _settled(self, fit: Fit) -> tuple[Fit, Array]:
+        """Where a scan of what it leaves moves it no further, and what it leaves there."""
+        place, seen = len(fit.law.terms) - 1, self.stretches.seen
+        for _ in range(SETTINGS.turns_of_scans):
+            term, coef = fit.law.terms[place], fit.law.coefficients(place)
+            (score,) = self.engine.scores(fit, SETTINGS.ties_of_instants)
+            left = score.missed(self.stretches)[:, [term.target]]
+            theta = term.effect.rescanned(seen, term.place, term.theta, coef, left)
+            other = self._exchanged(fit, place, tuple(theta))
+            if not cost(other) < cost(fit):
+                break
+            fit = other
+        return fit, left
 
     def refined(self, fit: Fit, place: int) -> Fit:
         """All of an effect of least error near those of the scan."""
@@ -96,5 +132,8 @@ class Values:
 
     def _exchanged(self, fit: Fit, place: int, theta: tuple[float, ...]) -> Fit:
         """The law with other values of an effect, from where its states are."""
-        law = fit.law.exchanged(place, replace(fit.law.terms[place], theta=theta))
+        return self._with(fit, place, replace(fit.law.terms[place], theta=theta))
+
+    def _with(self, fit: Fit, place: int, term: PlacedEffect) -> Fit:
+        law = fit.law.exchanged(place, term)
         return self.engine.fitted(law, self.stretches, self.courses(fit), fit.noise, turns=1)

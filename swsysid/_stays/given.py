@@ -93,7 +93,28 @@ def read_given(x: object, t: object, groups: object, inputs: object) -> Given:
         return _of_recordings(list(x))
     if t is None:
         raise ValueError("t is missing; give the time of every row of x.")
+    if isinstance(x, (list, tuple)) and x and all(np.ndim(one) == 2 for one in x):
+        return _of_recordings(_each_by_itself(x, t, groups, inputs))
     return _of_rows("", x, t, groups, inputs)
+
+
+def _each_by_itself(x: Sequence, t: object, groups: object, inputs: object) -> list[dict]:
+    """Recordings of lists of tables, as PySINDy takes them; one clock may serve all."""
+    if groups is not None:
+        raise ValueError("x is a list of tables, one for each recording; leave out groups.")
+    clocks = t if isinstance(t, (list, tuple)) and np.ndim(t[0]) == 1 else [t] * len(x)
+    recordings = [{"x": one} for one in x]
+    for name, listed in (("t", clocks), ("inputs", inputs)):
+        if listed is None:
+            continue
+        if not isinstance(listed, (list, tuple)) or len(listed) != len(x):
+            raise ValueError(
+                f"x is a list of {len(x)} recordings and {name} is none of as many; give one for "
+                "each of them."
+            )
+        for recording, own in zip(recordings, listed, strict=True):
+            recording[name] = own
+    return recordings
 
 
 def _of_recordings(listed: list) -> Given:

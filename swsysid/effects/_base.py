@@ -135,10 +135,11 @@ class Effect(BaseEstimator):
         """Nonlinear parameters and the values at which they are scanned."""
         return ()
 
-    def choices(self, records: Records) -> float:
+    def choices(self, records: Records, count: float) -> float:
         """How many choices are made by what judges the effect; more than one if it acts once.
 
-        One by default: others are judged by what took no part in their choice.
+        One by default: others are judged by what took no part in their choice. So many samples of
+        the records are worth independent ones.
         """
         return 1.0
 
@@ -149,6 +150,21 @@ class Effect(BaseEstimator):
         (n_samples, n_columns), which need not be tried.
         """
         return grid
+
+    def rescanned(
+        self, records: Records, place: Place, theta: Sequence[float], coef: Array, left: Array
+    ) -> Sequence[float]:
+        """Its values as what it explains and ``left`` show them; the same by default.
+
+        For what acts once, to which the law without it has bent.
+        """
+        return theta
+
+    def once_more(
+        self, records: Records, place: Place, theta: Sequence[float], coef: Array, left: Array
+    ) -> tuple[Effect, tuple[float, ...]] | None:
+        """What acts once more, with its values, as what it leaves shows it; None by default."""
+        return None
 
     def theta_names(self, records: Records, place: Place) -> tuple[str, ...]:
         """Names of the nonlinear parameters."""

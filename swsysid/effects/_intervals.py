@@ -32,6 +32,9 @@ class TimeInterval(Effect):
     ----------
     ends : bool, default=True
         False for what acts from an instant on. A search looks for that as well.
+    times : int, default=1
+        How often it acts, by the same change. A search looks for what acts again where that is
+        what is left.
     """
 
     kind = "time_interval"
@@ -43,25 +46,31 @@ class TimeInterval(Effect):
     needs = frozenset({"time"})
     acts_once = True
 
-    def __init__(self, ends: bool = True):
+    def __init__(self, ends: bool = True, times: int = 1):
         self.ends = ends
+        self.times = times
 
     def elsewhere(self, records: Records) -> Sequence[Effect]:
         """What begins and does not end."""
-        return [TimeInterval(ends=False)] if self.ends else []
+        return [TimeInterval(ends=False)] if self.ends and self.times == 1 else []
 
     def places(self, records: Records) -> Sequence[Place]:
-        """The level and every channel, in each recording."""
-        channels = ["level", *records.states, *records.inputs]
+        """The level and every channel that is not all level, in each recording."""
+        every = (*records.states, *records.inputs)
+        channels = ["level", *(one for one in every if np.ptp(records.channel(one)) > 0.0)]
         if len(records.trajectories) == 1:
             return channels
         names = [_name(number) for number in range(len(records.trajectories))]
         return list(product(channels, names))
 
-    def choices(self, records: Records) -> float:
-        """Pairs of samples of a recording, and a coefficient that it may have all for itself."""
-        count = max(len(rows) for rows in records.trajectories)
-        return 0.5 * float(count) ** 2.5
+    def choices(self, records: Records, count: float) -> float:
+        """Pairs of samples of a recording, and a coefficient that it may have all for itself.
+
+        Of samples that are worth independent ones: instants between them tell nothing apart.
+        """
+        longest = max(len(rows) for rows in records.trajectories)
+        samples = max(1.0, count * longest / len(records))
+        return float((0.5 * samples**2) ** self.times * np.sqrt(samples))
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Instants of the recording, and some before and after it."""
@@ -71,7 +80,10 @@ class TimeInterval(Effect):
         step = (last - first) / SETTINGS.n_instants
         instants = first + step * np.arange(-1.0, SETTINGS.n_instants + 2.0)
         names = ("begin", "end") if self.ends else ("begin",)
-        return tuple(Parameter(name, instants, "{time}") for name in names)
+        counts = ("", *(f"_{count}" for count in range(2, self.times + 1)))
+        return tuple(
+            Parameter(name + count, instants, "{time}") for count in counts for name in names
+        )
 
     def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """The one that explains most."""
@@ -96,13 +108,62 @@ class TimeInterval(Effect):
         pairs = instants[np.array(chosen, dtype=np.intp).reshape(-1, 2)]
         return pairs if self.ends else pairs[:, :1]
 
-    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+    def rescanned(
+        self, records: Records, place: Place, theta: Sequence[float], coef: Array, left: Array
+    ) -> Sequence[float]:
+        judged = (left != 0.0).any(axis=1, keepdims=True)
+        others, size = np.array(theta), 2 if self.ends else 1
+        for k in range(0, len(others), size):
+            rest = np.delete(others, slice(k, k + size))
+            own = self._boxes(records, place, others) - self._boxes(records, place, rest)
+            shown = left + np.where(judged, own[:, None] * coef, 0.0)
+            if self.times == 1:
+                grid = np.array(self.parameters(records, place)[0].values)[:, None]
+                listed = self.shortlist(records, place, grid, shown)
+                others = listed[0] if len(listed) else others
+            elif (pair := self._pair(records, place, rest, coef, shown)) is not None:
+                others[k : k + size] = pair
+        return tuple(others.tolist())
+
+    def once_more(
+        self, records: Records, place: Place, theta: Sequence[float], coef: Array, left: Array
+    ) -> tuple[Effect, tuple[float, ...]] | None:
+        pair = self._pair(records, place, np.array(theta), coef, left) if self.ends else None
+        return None if pair is None else (TimeInterval(times=self.times + 1), (*theta, *pair))
+
+    def _pair(
+        self, records: Records, place: Place, taken: Array, coef: Array, left: Array
+    ) -> Array | None:
+        """Of all intervals beside those taken the one in which a change explains most."""
         assert records.t is not None
-        rows, answer = self._acting(records, place), np.zeros((len(records), 1))
+        rows, instants = self._acting(records, place), self.parameters(records, place)[0].values
+        moves = self._values(records, place)[rows] * coef
+        judged = left[rows].any(axis=1)
+        gains = np.where(judged, 2.0 * moves * left[rows].sum(axis=1) - moves**2, 0.0)
+        inside = self._boxes(records, place, taken, level=True)[rows] > 0.0
+        gains[inside] = -np.abs(gains).sum()
+        ends = np.searchsorted(records.t[rows], instants)
+        sums = np.concatenate([[0.0], np.cumsum(gains)])[ends]
+        counts = np.concatenate([[0], np.cumsum(judged)])[ends]
+        explained = np.where(
+            counts - counts[:, None] >= SETTINGS.samples_a_knot, sums - sums[:, None], 0.0
+        )
+        begin, end = np.unravel_index(int(explained.argmax()), explained.shape)
+        return instants[[begin, end]] if explained[begin, end] > 0.0 else None
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return self._boxes(records, place, theta)[:, None]
+
+    def _boxes(
+        self, records: Records, place: Place, theta: Sequence[float] | Array, level: bool = False
+    ) -> Array:
+        """The channel, or 1, while it acts, (n_samples,)."""
+        assert records.t is not None
+        rows, answer = self._acting(records, place), np.zeros(len(records))
         t, width = records.t[rows], records.step
-        acts = [np.clip((t - instant) / width + 0.5, 0.0, 1.0) for instant in theta]
-        inside = acts[0] - acts[1] if self.ends else acts[0]
-        answer[rows, 0] = inside * self._values(records, place)[rows]
+        begun = [np.clip((t - instant) / width + 0.5, 0.0, 1.0) for instant in theta]
+        acts = sum(begun[::2], np.zeros(len(rows))) - sum(begun[1::2], np.zeros(len(rows)))
+        answer[rows] = acts if level else acts * self._values(records, place)[rows]
         return answer
 
     def proportional_to(self, place: Place) -> int | None:
@@ -131,14 +192,15 @@ class TimeInterval(Effect):
         return f"{label} acts on {target} otherwise from an instant on: a fan started, a load came"
 
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
-        times = f"from t = {figure(parameters['begin'])} "
-        times += f"to {figure(parameters['end'])}" if self.ends else "on"
-        return f"{figure(parameters['change'])} {label} {times}"
+        theta = [one for name, one in parameters.items() if name != "change"]
+        spans = [" to ".join(map(figure, pair)) for pair in _pairs(theta)]
+        times = " and from ".join(spans) + ("" if self.ends else " on")
+        return f"{figure(parameters['change'])} {label} from t = {times}"
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        begin, *end = map(figure, theta)
-        during = f"[{begin} < t < {end[0]}]" if end else f"[{begin} < t]"
-        return (during if label.startswith("level") else f"{label} {during}",)
+        spans = [" < t < ".join(map(figure, pair)) for pair in _pairs(theta)]
+        during = " or ".join(spans) if self.ends else f"{spans[0]} < t"
+        return (f"[{during}]" if label.startswith("level") else f"{label} [{during}]",)
 
     def _acting(self, records: Records, place: Place) -> NDArray[np.intp]:
         """Rows of the recording in which it acts."""
@@ -151,6 +213,11 @@ class TimeInterval(Effect):
     def _values(self, records: Records, place: Place) -> Array:
         channel = self.proportional_to(place)
         return np.ones(len(records)) if channel is None else records.channel(channel)
+
+
+def _pairs(theta: Sequence[float]) -> list[Sequence[float]]:
+    """Begin and end each time."""
+    return [theta[k : k + 2] for k in range(0, len(theta), 2)]
 
 
 def _name(number: int) -> str:

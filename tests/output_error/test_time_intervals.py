@@ -5,21 +5,26 @@ import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid.effects import Drift, InputCoupling, TimeInterval
+from swsysid.effects import Drift, InputCoupling, Lag, TimeInterval
 
 STEP, LOSS, POWER = 2.0, 0.01, 0.5
 
 
-def box(seed, loss=lambda t: LOSS, draught=lambda t: 0.0, n_samples=900):
-    """T' = -loss(t) T + .5 u + draught(t), read in steps of a tenth with noise of .05."""
+def box(seed, loss=lambda t: LOSS, draught=lambda t: 0.0, n_samples=900, lag=0.0):
+    """T' = -loss(t) T + .5 u + draught(t), read in steps of a tenth with noise of .05.
+
+    With a lag it is a heater that follows u, and begins with it.
+    """
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.integers(0, 2, n_samples // 30), 30) * rng.uniform(0.7, 1.3)
     t, T, states, parts = STEP * np.arange(n_samples), rng.uniform(5.0, 20.0), [], 10
+    power = u[0]
     for now, heat in zip(t, u, strict=True):
         states.append(T)
         for part in range(parts):
             at = now + STEP * part / parts
-            T += STEP / parts * (-loss(at) * T + POWER * heat + draught(at))
+            power += STEP / parts * (heat - power) / lag if lag else heat - power
+            T += STEP / parts * (-loss(at) * T + POWER * power + draught(at))
     x = np.round((np.array(states) + 0.05 * rng.standard_normal(n_samples)) / 0.1) * 0.1
     return {"t": t, "x": x[:, None], "inputs": u[:, None]}
 
@@ -76,6 +81,65 @@ def test_a_lid_that_is_open_in_one_recording_of_four():
     inside = (one["t"] > 900.0) & (one["t"] < 1100.0)
     left = [np.sqrt(np.mean((run - one["x"][:, 0])[inside] ** 2)) for run in runs]
     assert left[0] < 0.2 * left[1]
+
+
+def test_a_lid_that_is_opened_twice_and_bends_the_law():
+    # thrice the loss for a sixth of the record: least squares lie in between
+    opened = ((300.0, 420.0), (1190.0, 1280.0))
+
+    def loss(t):
+        return 3.0 * LOSS if any(a < t < b for a, b in opened) else LOSS
+
+    search = searched([box(7, loss=loss)])
+    [effect] = search.effects_
+    assert (effect.kind, effect.place) == ("time_interval", "x0")
+    assert list(effect.placed.theta) == pytest.approx(sum(opened, ()), abs=10.0)
+    assert effect.parameters["change"] == pytest.approx(-2.0 * LOSS, rel=0.1)
+    before, after = errors(search)
+    assert after < 0.25 * before
+    assert " x0 from t = 300 to 4" in effect.formula
+    assert " and from 1190 to 12" in effect.formula
+
+
+def test_a_lag_shows_once_what_happened_is_known():
+    """A lid that nobody has told hides the lag of the heater, or its size."""
+
+    def opened(t):
+        return 4.0 * LOSS if 700.0 < t < 1000.0 else LOSS
+
+    recordings = [box(11, lag=20.0), box(12, lag=20.0, loss=opened), box(13, lag=20.0)]
+    plain = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    library = [Lag(), TimeInterval()]
+    search = EffectSearchCV(plain, effects=library).fit(recordings)
+    found = search.effects_
+    assert {one.kind for one in found} == {"lag", "time_interval"}
+    by_kind = {one.kind: one.parameters for one in found}
+    assert by_kind["lag"]["time_constant"] == pytest.approx(20.0, rel=0.2)
+    assert by_kind["time_interval"]["begin"] == pytest.approx(700.0, abs=15.0)
+    assert by_kind["time_interval"]["end"] == pytest.approx(1000.0, abs=15.0)
+    # in a recording that was held out, too, in which the lid was open
+    before, *_, after = errors(search)
+    assert after < 0.05 * before
+
+
+def test_several_intervals_of_one_change_are_found_by_turns():
+    t = np.arange(400.0)
+    rng = np.random.default_rng(1)
+    x = rng.uniform(1.0, 2.0, 400)
+    records = make_records(x[:, None], 1, t=t, names=["x"])
+    inside = ((t >= 40.0) & (t < 100.0)) | ((t >= 240.0) & (t < 320.0))
+    left = (np.where(inside, 0.3, 0.0) * x + 0.02 * rng.standard_normal(400))[:, None]
+    change = np.array([0.3])
+    once = TimeInterval().rescanned(records, 0, (180.0, 200.0), change, left)
+    np.testing.assert_allclose(once, [240.0, 320.0], atol=4.0)
+    left = left - TimeInterval().columns(records, 0, *once) * change
+    again, theta = TimeInterval().once_more(records, 0, once, change, left)
+    np.testing.assert_allclose(theta, [240.0, 320.0, 40.0, 100.0], atol=4.0)
+    column = again.columns(records, 0, 239.5, 319.5, 39.5, 99.5)[:, 0]
+    np.testing.assert_allclose(column, np.where(inside, x, 0.0))
+    assert again.column_names("x", 40.0, 100.0, 240.0, 320.0) == (
+        "x [40 < t < 100 or 240 < t < 320]",
+    )
 
 
 def test_the_interval_of_a_scan_is_the_one_of_the_residual():
