@@ -2,6 +2,7 @@
 
 import inspect
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,9 @@ def row(effect, records):
     """Kind, formula, parameters, needs and meaning of one effect."""
     first = inspect.getdoc(type(effect)).split("\n\n")[0]
     formula = " ".join(first.split()).replace("``", "`").replace("|", "\\|")
-    place = next(iter(effect.places(records)))
+    # some act in the law of a force alone, of which the columns are no states
+    everywhere = (*effect.places(records), *effect.places(replace(records, quantity="F")))
+    place = everywhere[0]
     theta = dict.fromkeys(effect.theta_names(records, place), 1.0)
     names = effect.physical(theta, dict.fromkeys(effect.terms, 1.0))
     needs = ", ".join(NEEDS[need] for need in sorted(effect.needs)) or "-"

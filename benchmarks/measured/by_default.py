@@ -24,7 +24,7 @@ from swsysid.differentiation import differentiate
 FRICTION = ("coulomb_friction", "asymmetric_friction", "stribeck_friction")
 MEMORY = ("lag", "delay", "transport_delay")
 LEVELS = ("overflow", "saturation")
-HYSTERESIS = ("dahl_friction", "bouc_wen", "lugre_friction", "backlash")
+HYSTERESIS = ("hysteresis", "dahl_friction", "bouc_wen", "lugre_friction", "backlash")
 
 
 def rows() -> list[ByDefault]:
@@ -178,7 +178,8 @@ CASES: dict[str, tuple[str, tuple[str, ...], str, Callable]] = {
     ),
     "pneumatic seal": (
         "friction by direction, more of it under pressure",
-        (*FRICTION, "load_friction"),
+        # dry friction, which a force may show to build up over a distance
+        (*FRICTION, "dahl_friction", "load_friction"),
         "6.31 → 1.25 N",
         _pneumatic,
     ),

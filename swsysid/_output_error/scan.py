@@ -64,16 +64,22 @@ def shortlist(
     responses = [scores[0].response(one) for one in columns]
     chosen: dict[int, None] = {}
     # what has one coefficient and nothing else explains less, and may be all there is
-    plain = [k for k, trial in enumerate(trials) if trial.n_parameters == 1 and not trial.theta]
+    plain = [k for k, one in enumerate(trials) if len(one.effect.terms) == 1 and not one.theta]
     for score in scores:
         gains = score.gains(trials, responses)
         best = [
             int(np.flatnonzero(owner == k)[gains[owner == k].argmax()]) for k in np.unique(owner)
         ]
+        ranked = [plain[k] for k in largest_first(gains[plain])]
+        # a step shows little of what bends much, and ten monomials that bend alike hide the rest
+        first_of_kind = {trials[k].effect.kind: k for k in reversed(ranked)}
+        listed_first = (
+            *(best[k] for k in largest_first(gains[best])[: SETTINGS.n_shortlisted]),
+            *ranked[: SETTINGS.n_shortlisted],
+            *first_of_kind.values(),
+        )
         promising = SETTINGS.promising * score.squares
-        for some in (best, plain):
-            first = [some[k] for k in largest_first(gains[some])[: SETTINGS.n_shortlisted]]
-            chosen |= dict.fromkeys(k for k in first if gains[k] > promising)
+        chosen |= dict.fromkeys(k for k in listed_first if gains[k] > promising)
     return [trials[k] for k in chosen]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -287,11 +288,14 @@ class Search:
         return fall(before.unseen, after.unseen)
 
     def p_value(self, now: Model, model: Model) -> float:
-        """Of a last effect, for all that could have been chosen in its place."""
-        gained = self.gain(now, model)
-        own = model.law.terms[-1].effect.choices(self.stretches.seen, gained.count)
-        count = len(self.engine.disturbances) * len(self.candidates) * own
-        return min(1.0, count * gained.p_value)
+        """Of a last effect, for all that could have been chosen in its place.
+
+        Every kind is as likely as any other, and one of sixty monomials less than one lag.
+        """
+        gained, own = self.gain(now, model), model.law.terms[-1].effect
+        kinds = Counter(one.placed.effect.kind for one in self.candidates)
+        count = len(self.engine.disturbances) * len(kinds) * max(1, kinds[own.kind])
+        return min(1.0, count * own.choices(self.stretches.seen, gained.count) * gained.p_value)
 
     def _least(self, model: Model) -> float:
         """Share of what the declared law has left that is worth telling.

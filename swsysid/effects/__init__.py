@@ -22,6 +22,7 @@ from swsysid.effects._characteristics import (
 from swsysid.effects._friction import (
     AsymmetricFriction,
     CoulombFriction,
+    Hysteresis,
     LoadFriction,
     QuadraticDrag,
     StribeckFriction,
@@ -55,6 +56,7 @@ def all_effects() -> list[Effect]:
         QuadraticDrag(),
         InputCoupling(),
         Drift(),
+        Hysteresis(),
         Polynomial(),
         DeadZone(),
         Saturation(),
@@ -72,6 +74,7 @@ def all_effects() -> list[Effect]:
         StribeckFriction(),
         AsymmetricFriction(),
         LoadFriction(),
+        DahlFriction(in_motions=False),
         Trigonometric(),
         SensorOffset(),
         ClockLag(),
@@ -88,7 +91,7 @@ def special_effects() -> list[Effect]:
     """Effects that a search looks for where they are asked for.
 
     They take longer to try, or are hardly told from one of `all_effects` by most records: who
-    expects one says so.
+    expects one says so. Dahl's friction is looked for in laws of forces anyway.
 
     Examples
     --------
@@ -128,6 +131,7 @@ __all__ = [
     "GuardEffect",
     "GuardHysteresis",
     "Hill",
+    "Hysteresis",
     "InputCoupling",
     "InputGain",
     "Lag",

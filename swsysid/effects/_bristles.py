@@ -68,11 +68,34 @@ class _Presliding(OfAVelocity):
 
 
 class DahlFriction(_Presliding):
-    """``-friction * w`` with ``distance * w' = v - |v| w``: dry friction of elastic bristles."""
+    """``-friction * w`` with ``distance * w' = v - |v| w``: dry friction of elastic bristles.
+
+    Parameters
+    ----------
+    velocities : list of str or int, default=None
+        Channels that are velocities, as `CoulombFriction` has them.
+    positions : list of str or int, default=None
+        Channels that are positions, as `CoulombFriction` has them.
+    in_motions : bool, default=True
+        False for the laws of forces alone: a force that is measured shows the hysteresis of the
+        bristles, a motion hardly tells it from that of dry friction.
+    """
 
     kind = "dahl_friction"
     name = "dahl"
-    meaning = "dry friction opposes {channel} and builds up over a distance (Dahl)"
+    meaning = "dry friction opposes {channel} and builds up over a distance (Dahl): hysteresis"
+
+    def __init__(
+        self,
+        velocities: Sequence[int | str] | None = None,
+        positions: Sequence[int | str] | None = None,
+        in_motions: bool = True,
+    ):
+        super().__init__(velocities, positions)
+        self.in_motions = in_motions
+
+    def places(self, records: Records) -> Sequence[Place]:
+        return super().places(records) if self.in_motions or records.static else []
 
     def state(self, theta: Sequence[float], t: Array, velocity: Array) -> Array:
         moves = _moves(t, velocity)

@@ -11,6 +11,7 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from sklearn.base import clone
 
 from swsysid._data.records import Records
 from swsysid._results import Array
@@ -63,13 +64,13 @@ class OfRates(Effect):
 
     def elsewhere(self, records: Records) -> Sequence[Effect]:
         """Of a law that gives no rate, on the rates of positions."""
-        given = [name for name, value in self.get_params().items() if value is not None]
-        if given or not (records.static and records.timed):
+        named = [one for one in self.get_params().values() if one not in (None, True, False)]
+        if named or not (records.static and records.timed):
             return []
         channels = [*records.variables, *records.signal_channels]
         moved = positions_along(records, channels, records.trajectories)
         known = {*moved, *moved.values()}
-        return [type(self)(positions=[one for one in channels if one not in known])]
+        return [clone(self).set_params(positions=[one for one in channels if one not in known])]
 
     def missing(self, records: Records) -> str | None:
         if self.positions is None:

@@ -14,7 +14,7 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS, Parameter, Place, quantile_levels
-from swsysid.effects._characteristics import OfAChannel, OfRates, OfTwoChannels
+from swsysid.effects._characteristics import InputGain, OfAChannel, OfRates, OfTwoChannels
 
 
 class OfAVelocity(OfRates):
@@ -188,3 +188,41 @@ class LoadFriction(OfTwoChannels, OfAVelocity):
 
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
         return f"-{parameters['friction']:.4g} {label}"
+
+
+class Hysteresis(InputGain):
+    """``-forgetting * |u| * x`` in the law of x: what u has moved it by is forgotten over a way.
+
+    With ``gain * u`` beside it Dahl's law of a force that a velocity u builds up, which saturates
+    at ``gain / forgetting``. Of an input that takes both signs: with one sign it is a product.
+    """
+
+    kind = "hysteresis"
+    meaning = "{target} forgets over a way what an input has moved it by ({channel}): hysteresis"
+    terms = ("forgetting",)
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """A state, and an input that takes both signs."""
+        inputs = [one for one in records.inputs if _takes_both_signs(records.channel(one))]
+        return list(product(records.states, inputs))
+
+    def acts_in(self, records: Records, place: Place, target: int) -> bool:
+        """Only in the law of the state itself."""
+        return bool(place[0] == target)
+
+    def place_parameters(self, place: Place) -> int:
+        """The state is the one whose law it is: nothing is chosen but the input."""
+        return 0
+
+    def plausible(self, coef: Array) -> bool:
+        """What forgets is stable."""
+        return bool((coef > 0.0).all())
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        return -super().columns(records, place)
+
+    def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
+        return (f"-{label}",)
+
+    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+        return f"-{parameters['forgetting']:.4g} {label}"
