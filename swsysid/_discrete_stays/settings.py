@@ -53,15 +53,12 @@ class DiscreteSettings:
     momentary: float = 0.95
     rough: float = 3.0
     # -- States: their disturbance as a share of the noise, smaller and smaller, since wrong modes
-    # disturb them too, in two stages; steps of a descent, its first damping and the nats at which
-    # it ends
+    # disturb them too, in two stages; steps of a descent, and nats that count
     stages: tuple[tuple[float, ...], ...] = (
         (1.0, 1.0, 1.0, 0.3, 0.1),
         (0.03, 0.01, 0.01, 0.01, 0.01, 0.01),
     )
     most_steps: int = 10
-    most_failures: int = 8
-    damping: float = 1e-6
     converged: float = 0.02
     least_noise: float = 1e-7
     # the disturbance as a share of the noise when they are told apart, from noise of the sensor

@@ -15,6 +15,7 @@ takes a time that grows with the number of unknowns, not with its third power.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,12 +58,27 @@ class Arrow:
 
         The diagonal of S grows by a share of its own, and by what it has at least.
         """
-        band = cholesky_banded(self.band, lower=True, check_finite=False, overwrite_ab=True)
-        reached = cho_solve_banded((band, True), self.border, check_finite=False)
-        schur = self.corner - self.border.T @ reached
+        (band, reached, _), schur = self._eliminated, self.schur.copy()
         more = damping * np.maximum(np.diag(schur), 0.0) + least
         schur[np.diag_indices_from(schur)] += more
         return Factor(band, self.border, reached, cho_factor(schur, check_finite=False), more)
+
+    @property
+    def schur(self) -> Array:
+        """What S says of the corner once the band is eliminated."""
+        return self._eliminated[2]
+
+    @property
+    def log_det_of_band(self) -> float:
+        """Logarithm of the determinant of B."""
+        return 2.0 * float(np.log(self._eliminated[0][0]).sum())
+
+    @cached_property
+    def _eliminated(self) -> tuple[Array, Array, Array]:
+        """Lower factor of B, B^-1 E, and S."""
+        band = cholesky_banded(self.band, lower=True, check_finite=False)
+        reached = cho_solve_banded((band, True), self.border, check_finite=False)
+        return band, reached, self.corner - self.border.T @ reached
 
 
 @dataclass(frozen=True)
