@@ -25,6 +25,7 @@ from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._noise import robust_scale
 from swsysid._results import Array
+from swsysid._stays.decoding import cheapest_modes
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -
     """The most likely modes for given laws."""
     costs = row_costs(problem, coef, scale)
     price = problem.settings.price(len(coef), switching)
-    modes = most_likely_modes(costs, problem, price)
+    modes = cheapest_modes(costs, problem.begins, price)
     return as_fit(problem, coef, scale, switching, modes, costs)
 
 
@@ -160,36 +161,6 @@ def nats_of_unexplained(unexplained: NDArray[np.bool_]) -> float:
     count, n = np.count_nonzero(unexplained), len(unexplained)
     share = (count + 0.5) / (n + 1.0)
     return float(-count * np.log(share) - (n - count) * np.log1p(-share))
-
-
-def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels:
-    """Modes of least cost (n_rows, n_modes), a switch within a stretch at a price (Viterbi).
-
-    >>> from swsysid._discrete_stays.settings import SETTINGS
-    >>> ones, first = np.ones((4, 1)), np.arange(4) == 0
-    >>> rows = RowProblem(ones, ones, first, np.zeros(1, dtype=int), SETTINGS)
-    >>> costs = np.array([[0.0, 9.0], [1.0, 0.0], [0.0, 9.0], [9.0, 0.0]])
-    >>> most_likely_modes(costs, rows, price=2.0)
-    array([0, 0, 0, 1])
-    """
-    n_modes = costs.shape[1]
-    place, stretch = problem.places
-    if n_modes == 1:
-        return np.zeros(len(costs), dtype=np.intp)
-    padded = np.zeros((int(place.max()) + 1, int(stretch.max()) + 1, n_modes))
-    padded[place, stretch] = costs
-    best, own, came = padded[0], np.arange(n_modes), []
-    for cost in padded[1:]:
-        cheapest = best.min(axis=1, keepdims=True) + price
-        came.append(np.where(best <= cheapest, own, best.argmin(axis=1)[:, None]))
-        best = np.minimum(best, cheapest) + cost
-    mode = best.argmin(axis=1)
-    modes, every = np.empty(padded.shape[:2], dtype=np.intp), np.arange(padded.shape[1])
-    modes[-1] = mode
-    for k, sources in reversed(list(enumerate(came))):
-        mode = sources[every, mode]
-        modes[k] = mode
-    return modes[place, stretch]
 
 
 def fitted(problem: RowProblem, modes: Labels, coef: Array, free: NDArray[np.bool_]) -> Array:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
+from swsysid._stays.decoding import cheapest_path
 from swsysid._stays.intervals import Intervals, flow
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
@@ -92,7 +93,7 @@ def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> E
     for brief in (False, True):
         costs = np.tile(price * (1.0 - np.eye(n_modes)), (*recordings.steps.shape, 1, 1))
         costs[place] = told.costs(price)
-        modes = _likeliest(costs)
+        modes = cheapest_path(np.zeros(costs.shape[1:3]), costs)
         chosen = np.arange(len(place[0])), modes[:-1][place], modes[1:][place]
         left = told.misses[chosen] > LIMITS.nearly_exactly
         if brief or not left.any() or len(laws.spread) < 2:
@@ -240,19 +241,3 @@ def _gaps(
     spread = laws.spread[:, None]
     by_parts = np.stack(slopes, axis=2) if slopes else np.zeros((n, len(laws.spread), 0))
     return (x - y) / laws.spread, by_parts / spread
-
-
-def _likeliest(costs: Array) -> NDArray[np.intp]:
-    """Modes of least cost, (n_times, n_recordings); costs (n_times - 1, n_recordings, old, new)."""
-    n_steps, n_recordings, n_modes, _ = costs.shape
-    every = np.arange(n_recordings)
-    least, parents = np.zeros((n_recordings, n_modes)), []
-    for cost in costs:
-        total = least[:, :, None] + cost
-        parents.append(total.argmin(axis=1))
-        least = total.min(axis=1)
-    modes = np.empty((n_steps + 1, n_recordings), dtype=np.intp)
-    modes[-1] = least.argmin(axis=1)
-    for k in range(n_steps - 1, -1, -1):
-        modes[k] = parents[k][every, modes[k + 1]]
-    return modes
