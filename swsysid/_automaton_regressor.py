@@ -11,6 +11,7 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.doubts import untold_switches
+from swsysid._automaton_search.guards import GuardTerms
 from swsysid._automaton_search.report import AutomatonReport
 from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.arrays import table
@@ -144,6 +145,8 @@ class HybridAutomatonRegressor(BaseEstimator):
 
     #: Sizes and limits that a fit takes for granted; a subclass may have others.
     settings = StaySettings()
+    #: So many of the inputs, the last, are in the laws alone, in continuous time: guards know none.
+    unguarded_inputs = 0
 
     def __init__(
         self,
@@ -228,7 +231,12 @@ class HybridAutomatonRegressor(BaseEstimator):
                 )
             else:
                 found = continuous.identified(
-                    self._estimator(), given, degree, self.settings, bar.update, refine=refine
+                    self._estimator(),
+                    given,
+                    GuardTerms(degree, self.unguarded_inputs),
+                    self.settings,
+                    bar.update,
+                    refine=refine,
                 )
         self._store(found, given)
         return self

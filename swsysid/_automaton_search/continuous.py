@@ -38,7 +38,7 @@ from swsysid._automaton_search.elsewhere import errors_elsewhere, guard_elsewher
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.exits import shared_exits
 from swsysid._automaton_search.found import FoundTransition, Told
-from swsysid._automaton_search.guards import missed_by
+from swsysid._automaton_search.guards import GuardTerms, missed_by
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.judged import (
     Guards,
@@ -85,26 +85,26 @@ from swsysid._stays.settings import StaySettings
 def identified(
     estimator: SwitchingSystemRegressor,
     given: Given,
-    degree: int,
+    terms: GuardTerms,
     settings: StaySettings,
     told: Callable[[], object],
     *,
     refine: bool = True,
 ) -> IdentifiedAutomaton:
-    """The automaton of some recordings; `degree` is that of the guards.
+    """The automaton of some recordings; `terms` are those of the guards.
 
     It is refined unless the recordings have no noise, or laws and surface were found together.
     """
     origin = Origin.of(given, estimator)
     counted = origin.counted(given)
-    found = _identified(estimator, counted, degree, settings, told, origin, refine=refine)
+    found = _identified(estimator, counted, terms, settings, told, origin, refine=refine)
     return told_from(origin, found, given, estimator.feature_library)
 
 
 def _identified(
     estimator: SwitchingSystemRegressor,
     given: Given,
-    degree: int,
+    terms: GuardTerms,
     settings: StaySettings,
     told: Callable[[], object],
     origin: Origin,
@@ -122,18 +122,19 @@ def _identified(
     else:
         given = without_clipped(given)
         cutting = Cutting(estimator, given, settings, told)
-        cut = _in_rounds(cutting, jumps, degree)
+        cut = _in_rounds(cutting, jumps, terms)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
     together = followed is not None
-    found = transitions_of(stays, pieces, degree)
-    if may_be_one_surface(found, stays.estimate.nodes.recordings.interval):
-        surfaced = with_surface(estimator, pieces.given, degree, settings, told)
+    found = transitions_of(stays, pieces, terms)
+    interval = stays.estimate.nodes.recordings.interval
+    if not terms.n_unseen and may_be_one_surface(found, interval):
+        surfaced = with_surface(estimator, pieces.given, terms.degree, settings, told)
         if explains(surfaced, stays):
             stays, together = surfaced, True
-            found = transitions_of(stays, pieces, degree, guards_of(stays))
+            found = transitions_of(stays, pieces, terms, guards_of(stays))
     more = None if together else with_brief_stays(found, stays, settings)
     if more is not None:
-        stays, found = more, transitions_of(more, pieces, degree)
+        stays, found = more, transitions_of(more, pieces, terms)
     found = _by_rollouts(given, stays, pieces, possible(found, stays))
     if refine and found and not together:
         told()
@@ -167,13 +168,13 @@ def _refined_if_possible(
         return told_by_parts(given, stays, pieces, found), None
 
 
-def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], degree: int) -> Cut:
+def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], terms: GuardTerms) -> Cut:
     """Stays, what each switch does, and stays again, until it jumps where it has jumped before."""
     cut = cutting.identified(jumps)
     for _ in range(SETTINGS.most_rounds):
         cutting.told()
         alone = apart(cutting.given, cut.stays, cut.pieces, cutting.settings)
-        jumps = _jumps(transitions_of(*alone, degree), cut.jumps, cutting.given)
+        jumps = _jumps(transitions_of(*alone, terms), cut.jumps, cutting.given)
         if all(map(np.array_equal, jumps, cut.jumps)):
             break
         again = cutting.again(cut, jumps)

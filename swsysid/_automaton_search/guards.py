@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.few_columns import (
     FewColumns,
@@ -37,6 +38,19 @@ from swsysid._automaton_search.few_columns import (
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
+
+
+class GuardTerms(NamedTuple):
+    """What guards are polynomials of: all columns but some of the inputs, the last."""
+
+    degree: int
+    n_unseen: int = 0
+
+    def seen(self, columns: Array) -> Array:
+        """Columns that end with the clocks, those that no guard sees unknown."""
+        unknown, end = columns.copy(), columns.shape[1] - len(CLOCKS)
+        unknown[:, end - self.n_unseen : end] = np.nan
+        return unknown
 
 
 @dataclass(frozen=True)

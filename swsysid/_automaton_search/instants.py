@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
 from swsysid._automaton_search.guards import (
     Crossed,
+    GuardTerms,
     StatedGuard,
     best_guard,
     blurred_by,
@@ -40,23 +41,23 @@ class Known:
     laws: Laws
     noise: Array  # (n_states,)
     interval: float
-    degree: int
+    terms: GuardTerms
     stated: Mapping[tuple[int, int], StatedGuard]  # guards that are known
 
     def crossed(self, switches: Switches) -> Crossed:
         """What the guard of switches is known by, these at their present instants."""
         columns, rates = switches.before(self.laws)
         own = self.visits.modes == switches.source[0]
-        beside, beside_rates = self.visits.columns[own], self.visits.rates[own]
-        below = -np.ones(len(beside))
-        return Crossed(columns, rates, switches.errors, beside, beside_rates, below, self.interval)
+        columns, beside = (self.terms.seen(one) for one in (columns, self.visits.columns[own]))
+        rates_beside, below = self.visits.rates[own], -np.ones(len(beside))
+        return Crossed(columns, rates, switches.errors, beside, rates_beside, below, self.interval)
 
     def guard(self, switches: Switches, some: NDArray[np.intp] | None = None) -> FoundGuard | None:
         """The guard of switches at their present instants, of some columns or of any."""
         pair = int(switches.source[0]), int(switches.target[0])
         if pair in self.stated:
             return stated_guard(self.crossed(switches), self.stated[pair])
-        return best_guard(self.crossed(switches), self.degree, some)
+        return best_guard(self.crossed(switches), self.terms.degree, some)
 
     @property
     def errors(self) -> Array:

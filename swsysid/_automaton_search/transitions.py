@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from swsysid._automaton_search.guards import StatedGuard, surface_both_ways
+from swsysid._automaton_search.guards import GuardTerms, StatedGuard, surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.identification import StayIdentification
@@ -18,30 +18,30 @@ from swsysid._stays.pieces import Pieces
 def transitions_of(
     stays: StayIdentification,
     pieces: Pieces,
-    degree: int,
+    terms: GuardTerms,
     stated: Mapping[tuple[int, int], StatedGuard] = MappingProxyType({}),
 ) -> list[Settled]:
     """Guards, resets and instants of all transitions; some guards may be known."""
-    found = _settled(stays, switches_of(stays, pieces), degree, stated)
+    found = _settled(stays, switches_of(stays, pieces), terms, stated)
     began = np.full(len(pieces.first), np.nan)
     for one in found:
         own = one.switches
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        found = _settled(stays, switches_of(stays, pieces, began), degree, stated)
+        found = _settled(stays, switches_of(stays, pieces, began), terms, stated)
     return found
 
 
 def _settled(
     stays: StayIdentification,
     told: tuple[Switches, Visits],
-    degree: int,
+    terms: GuardTerms,
     stated: Mapping[tuple[int, int], StatedGuard],
 ) -> list[Settled]:
     switches, visits = told
     interval = stays.estimate.nodes.recordings.interval
-    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, degree, stated)
+    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, terms, stated)
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
         (source, target): settled(
@@ -61,7 +61,7 @@ def _of_one_surface(there: Settled, back: Settled, known: Known) -> tuple[Settle
     if there.guard is None or back.guard is None or there.reset or back.reset:
         return there, back
     both = known.crossed(there.switches), known.crossed(back.switches)
-    surface = surface_both_ways(*both, known.degree)
+    surface = surface_both_ways(*both, known.terms.degree)
     if surface is None:
         return there, back
     up, down = surface
