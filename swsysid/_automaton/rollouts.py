@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swsysid._automaton.continuous import follow
+from swsysid._automaton.continuous import PlainAutomaton, follow
 from swsysid._automaton.discrete import iterate
 from swsysid._automaton.first_modes import first_mode
 from swsysid._automaton.parts import AutomatonParts
@@ -44,7 +44,7 @@ def roll_out(
         done = iterate(automaton, begin, rows, times, held, checked)
     else:
         pieces = list(stretches(times, samples, input_hold))
-        done = follow(automaton, begin, newest, times, pieces, checked)
+        done = follow(PlainAutomaton(automaton, begin), newest, times, pieces, checked)
     return replace(done, names=tuple(automaton.state_names))
 
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from swsysid._automaton.continuous import follow as follow_automaton
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._checks.parameters import one_of, whole
 from swsysid._effect_model.automaton_rollouts import AutomatonEffects, iterate_with_effects
-from swsysid._effect_model.automaton_rollouts import follow as follow_automaton
 from swsysid._effect_model.declared import SwitchingLaws
 from swsysid._effect_model.equations import NoAutomatonError, automaton_of_fit
 from swsysid._effect_model.joint_fit import JointFit
