@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.known_guard import KnownGuard
+from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import (
     RowFit,
     as_fit,
@@ -37,14 +39,19 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
     scale = scale_of(problem, found.coef, np.where(unexplained, -1, fit.modes))
     modes = assigned(problem, found.coef, scale, fit.switching).modes
     if len(found.coef) > 1 and not unexplained.all():
-        pieces = _pieces(data, unexplained)
-        side_by_side = _side_by_side(data, pieces)
+        settings, inside = data.settings, ~unexplained
+        begins = inside & (data.rows.begins | np.append(True, unexplained[:-1]))
+        ends = inside & np.append((data.rows.begins | unexplained)[1:], True)
+        first = np.flatnonzero(begins)
+        recordings = _stretches(data, first, np.flatnonzero(ends) + 1)
+        side_by_side, pieces = recordings.cut(settings.decoded, settings.overlap)
+        # the first row of a piece tells all lagged states, the others the newest
+        side_by_side.y[1:, :, data.rows.n_states :] = np.nan
         maps = MapFilter.of(data, found, fit.switching, fit.guards, side_by_side.u)
-        decoded = decode(maps, side_by_side, price=0.0, n_kept=data.settings.n_kept)
+        decoded = decode(maps, side_by_side, price=0.0, n_kept=settings.n_kept)
         likelihood = float(decoded.log_likelihood.sum())
-        for place, piece in enumerate(pieces):
-            inner = slice(piece.first - piece.begin, piece.last - piece.begin)
-            modes[piece.first : piece.last] = decoded.modes[inner, place]
+        found_modes = recordings.of_pieces(decoded.modes, pieces)
+        modes[inside] = found_modes.T[recordings.steps.T > 0.0]
     switching = switching_of(np.where(unexplained, -1, modes), problem)
     costs = row_costs(problem, found.coef, scale)
     again = replace(
@@ -83,49 +90,16 @@ def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np
     return np.asarray(nats > -np.log(data.settings.unexplained))
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Rows `first` to `last`, and those from `begin` to `end` that surround them."""
-
-    begin: int
-    first: int
-    last: int
-    end: int
-
-
-def _pieces(data: DiscreteData, unexplained: NDArray[np.bool_]) -> list[_Piece]:
-    """Stretches of explained rows, long ones in pieces that overlap."""
-    settings, inside = data.settings, ~unexplained
-    begins = inside & (data.rows.begins | np.append(True, unexplained[:-1]))
-    ends = inside & np.append((data.rows.begins | unexplained)[1:], True)
-    pieces = []
-    for begin, end in zip(np.flatnonzero(begins), np.flatnonzero(ends) + 1, strict=True):
-        count = max(1, round((end - begin) / settings.decoded))
-        edges = np.linspace(begin, end, count + 1).round().astype(int).tolist()
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
-            around = max(begin, first - settings.overlap), min(end, last + settings.overlap)
-            pieces.append(_Piece(around[0], first, last, around[1]))
-    return pieces
-
-
-def _side_by_side(data: DiscreteData, pieces: list[_Piece]) -> Recordings:
-    """Lagged states of the pieces: the first row tells all of them, the others the newest."""
-    rows, n = data.rows, data.rows.n_states
-    n_lagged, longest = n * (rows.lags + 1), max(piece.end - piece.begin for piece in pieces)
-    measured = rows.columns[:, :n_lagged] / data.column_unit[:n_lagged]
-    steps = np.zeros((longest, len(pieces)))
-    y = np.full((longest + 1, len(pieces), n_lagged), np.nan)
-    u = np.zeros((longest + 1, len(pieces), rows.columns.shape[1] - n_lagged))
-    for place, piece in enumerate(pieces):
-        own, count = slice(piece.begin, piece.end), piece.end - piece.begin
-        steps[:count, place] = 1.0
-        y[0, place] = measured[piece.begin]
-        y[1 : count + 1, place, :n] = rows.targets[own] / data.target_unit
-        u[:count, place] = rows.columns[own, n_lagged:]
-    guess = np.nan_to_num(y)
-    times = tuple(np.arange(piece.end - piece.begin + 1.0) for piece in pieces)
-    sampled = tuple(np.arange(len(t)) for t in times)
-    return Recordings(times, sampled, steps, y, u, guess, first_step=1.0)
+def _stretches(data: DiscreteData, first: Labels, end: Labels) -> Recordings:
+    """Lagged states of stretches of rows as recordings, and what follows the last row."""
+    n, n_lagged, records = data.rows.n_states, data.n_lagged, []
+    targets = data.rows.targets / data.target_unit
+    for rows in map(slice, first, end):
+        states, u = data.columns[rows, :n_lagged], data.columns[rows, n_lagged:]
+        after = np.concatenate([targets[rows][-1], states[-1, : n_lagged - n]])
+        t = np.arange(len(states) + 1.0)
+        records.append(Record(t, np.vstack([states, after]), np.vstack([u, u[-1:]])))
+    return Recordings.of(records)
 
 
 @dataclass(frozen=True)

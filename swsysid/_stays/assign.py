@@ -94,10 +94,7 @@ def assign(
             break
         best = better
     _, decoded = found(best)
-    modes = np.zeros(recordings.steps.shape, dtype=np.intp)
-    for place, piece in enumerate(places):
-        rows = slice(piece.first - piece.begin, piece.last - piece.begin)
-        modes[piece.first : piece.last, piece.recording] = decoded.modes[rows, place]
+    modes = recordings.of_pieces(decoded.modes, places)
     for k, n in enumerate(recordings.lengths):
         modes[n - 1 :, k] = modes[n - 2, k]
     return Assigned(modes, disturbances[best])

@@ -155,6 +155,14 @@ class Recordings:
             pieces.append(Piece(k, begin, end, first, last))
         return self.parted(pieces), pieces
 
+    def of_pieces(self, of_steps: NDArray, pieces: Sequence[Piece]) -> NDArray:
+        """What pieces say of their steps, as much as is no overlap, padded like the durations."""
+        whole = np.zeros(self.steps.shape, dtype=of_steps.dtype)
+        for place, piece in enumerate(pieces):
+            rows = slice(piece.first - piece.begin, piece.last - piece.begin)
+            whole[piece.first : piece.last, piece.recording] = of_steps[rows, place]
+        return whole
+
     def parted(self, pieces: Sequence[Piece]) -> Recordings:
         """Some pieces as recordings of their own; they may overlap."""
         times = tuple(self.times[p.recording][p.begin : p.end + 1] for p in pieces)
