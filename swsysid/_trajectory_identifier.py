@@ -18,7 +18,7 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.input_holds import with_steps
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
-from swsysid._stays.reported import reported
+from swsysid._stays.recording_report import reported
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.sensors import warn_of_turns

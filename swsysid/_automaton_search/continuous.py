@@ -53,11 +53,10 @@ from swsysid._automaton_search.one_surface import (
     may_be_one_surface,
     with_surface,
 )
-from swsysid._automaton_search.possible import possible, with_brief_stays
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.transitions import transitions_of
+from swsysid._automaton_search.transitions import possible, transitions_of, with_brief_stays
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise

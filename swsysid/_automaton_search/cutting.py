@@ -4,24 +4,38 @@ Before any law is known only large jumps are seen. With the laws of an answer sm
 recordings that are cut there are told anew; that pays for the states in which the pieces begin.
 Answers with more modes begin with the recordings as they were: where modes are missing, what looks
 like a jump may be one of these.
+
+*That it jumps*: the most likely modes are sought once more with every mode there twice, entered
+with the state going on, or by a jump, after which nothing is known of the state but its spread. What the
+samples after it say of the state then pays for a jump, or does not.
+
+*Where it does*: from some samples before a cut the old law is followed over it, from some after it
+the new one is followed back. Where the samples leave the one for the other, the recording jumps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.hidden_jumps import hidden_jumps
-from swsysid._automaton_search.places import better_places
+from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_search.switches import flown
+from swsysid._data.recordings import Record
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
+from swsysid._stays.assign import disturbances
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes
-from swsysid._stays.given import Given
+from swsysid._stays.decoding import decode
+from swsysid._stays.filtering import FlowFilter
+from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.laws import Laws
 from swsysid._stays.pieces import Pieces, cut_at
+from swsysid._stays.samples import states_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 
@@ -146,3 +160,107 @@ class Cutting:
 
     def _of(self, found: StayIdentification) -> Cut:
         return next(one for one in self.answers if one.stays is found)
+
+
+def hidden_jumps(
+    found: StayIdentification, pieces: Pieces, n_recordings: int, settings: StaySettings
+) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which it jumps amid the pieces."""
+    estimate = found.estimate
+    laws, n_modes = estimate.laws, len(estimate.laws.coef)
+    recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
+    twice = replace(laws, coef=np.tile(laws.coef, (2, 1, 1)), free=np.tile(laws.free, (2, 1, 1)))
+    least = disturbances(laws, recordings, settings)[-1]
+    parted, places = recordings.cut(settings.piece, settings.overlap)
+    # the second ones are entered by a jump: the state is known by its spread alone
+    wide = np.outer(np.square(laws.spread), np.arange(2 * n_modes) >= n_modes)
+    filter_ = replace(FlowFilter.of(twice, parted, found.left, least), entering=wide)
+    price = float(np.log(recordings.lengths.sum()))
+    told = decode(filter_, parted, price=price, n_kept=settings.n_kept).modes
+    jumps: list[list[int]] = [[] for _ in range(n_recordings)]
+    for number, piece in enumerate(places):
+        own = told[piece.first - piece.begin : piece.last - piece.begin, number]
+        jumped = np.flatnonzero((np.diff(own) != 0) & (own[1:] >= n_modes)) + 1 + piece.first
+        sampled = recordings.sampled[piece.recording]
+        after = np.searchsorted(sampled, jumped, side="right") - 1
+        first = pieces.first[piece.recording]
+        jumps[int(pieces.recording[piece.recording])].extend((first + after).tolist())
+    return [_apart(np.unique(np.array(own, dtype=np.intp))) for own in jumps]
+
+
+def _apart(jumps: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Jumps with samples enough between them.
+
+    A sample between two is that of one jump. What is longer, and too short to be told, is no jump
+    but a mode of its own.
+    """
+    kept = jumps[np.diff(jumps, prepend=-np.inf) > 1]
+    after, before = np.diff(kept, append=np.inf), np.diff(kept, prepend=-np.inf)
+    return kept[np.minimum(before, after) >= FEWEST_SAMPLES]
+
+
+def better_places(
+    given: Given, found: StayIdentification, pieces: Pieces, jumps: list[NDArray[np.intp]]
+) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which it jumps, where a cut fits best."""
+    laws, noise = found.estimate.laws, found.left
+    modes, states = by_samples(given, found, pieces)
+    places = []
+    for record, own, x, cuts in zip(given.records, modes, states, jumps, strict=True):
+        edges = np.concatenate([[-1], cuts, [len(own) - 1]])
+        moved = [
+            _better_place(laws, noise, record, own, x, *edges[k : k + 3])
+            for k in range(len(cuts))
+        ]  # fmt: skip
+        places.append(np.unique(np.array(moved, dtype=np.intp)))
+    return places
+
+
+def _better_place(
+    laws: Laws,
+    noise: Array,
+    record: Record,
+    modes: NDArray[np.intp],
+    states: Array,
+    before: int,
+    cut: int,
+    after: int,
+) -> int:
+    """The sample of one recording after which it jumps; its neighbours stay where they are."""
+    first = _reach(modes, cut, max(before + 1, cut - SETTINGS.farthest_place), -1)
+    last = _reach(modes, cut + 1, min(after, cut + 1 + SETTINGS.farthest_place), 1)
+    samples = np.arange(first, last + 1)
+    if min(modes[cut], modes[cut + 1]) < 0 or len(samples) < SETTINGS.fewest_of_a_stay:
+        return cut
+    old = _followed(laws, int(modes[cut]), record, states[first], samples)
+    new = _followed(laws, int(modes[cut + 1]), record, states[last], samples[::-1])[::-1]
+    old, new = (_squares(record.y[samples], path, noise) for path in (old, new))
+    costs = np.cumsum(old)[:-1] + np.cumsum(new[::-1])[::-1][1:]
+    best = int(costs.argmin())
+    return first + best if costs[best] < costs[cut - first] - 1.0 else cut
+
+
+def _squares(y: Array, path: Array, noise: Array) -> Array:
+    """Of each sample the squares by which a path misses it; none of what was not measured."""
+    missed = np.where(np.isfinite(path), np.square((y - path) / noise), SETTINGS.lost)
+    return np.asarray(np.where(np.isfinite(y), missed, 0.0).sum(axis=1).clip(max=SETTINGS.lost))
+
+
+def _reach(modes: NDArray[np.intp], start: int, end: int, step: int) -> int:
+    """The last sample on the way that is in the mode of the first one."""
+    way = np.arange(start, end + step, step)
+    other = np.flatnonzero(modes[way] != modes[start])
+    return int(way[-1] if not len(other) else way[other[0] - 1])
+
+
+def _followed(
+    laws: Laws, mode: int, record: Record, start: Array, samples: NDArray[np.intp]
+) -> Array:
+    """States at samples one after the other, by one law, forwards or back in time."""
+    x, path, which = start[None], [start], np.array([mode])
+    for here, there in zip(samples[:-1].tolist(), samples[1:].tolist(), strict=True):
+        duration = record.t[[there]] - record.t[here]
+        slopes = (record.u[[there]] - record.u[here]) / duration[:, None]
+        x = flown(laws, which, x, record.u[[here]], slopes, duration)
+        path.append(x[0])
+    return np.array(path)

@@ -8,7 +8,7 @@ import numpy as np
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import untold
-from swsysid._discrete_stays.certainty import KindsOfNoise
+from swsysid._discrete_stays.identify import KindsOfNoise
 from swsysid._simulation.model import law_equations
 
 # Samples of a stay that show the law of its mode: fewer are a slope, and two make up any curve.

@@ -11,7 +11,7 @@ from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._automaton_search.doubts import doubts_of, untold_switches
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._discrete_stays.certainty import KindsOfNoise
+from swsysid._discrete_stays.identify import KindsOfNoise
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._rendering.printing import counted
 from swsysid._results import Array

@@ -33,9 +33,13 @@ from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._discrete_stays.certainty import DiscreteCertainty
-from swsysid._discrete_stays.identify import DiscreteStays, identify_stays, with_guards
-from swsysid._discrete_stays.known_guard import KnownGuard
+from swsysid._discrete_stays.identify import (
+    DiscreteCertainty,
+    DiscreteStays,
+    identify_stays,
+    with_guards,
+)
+from swsysid._discrete_stays.lagged import KnownGuard
 from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
-from swsysid._discrete_stays.known_guard import KnownGuard
-from swsysid._discrete_stays.lagged import Labels
+from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._discrete_stays.rows import (
     RowFit,
     as_fit,

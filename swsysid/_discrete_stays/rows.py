@@ -20,8 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._discrete_stays.known_guard import KnownGuard
-from swsysid._discrete_stays.lagged import Labels
+from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._noise import robust_scale
 from swsysid._results import Array

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import norm
 
 from swsysid._discrete_stays.data import DiscreteData
-from swsysid._discrete_stays.known_guard import KnownGuard
+from swsysid._discrete_stays.lagged import KnownGuard
 from swsysid._results import Array
 from swsysid._stays.laws import Modes, slopes_of
 

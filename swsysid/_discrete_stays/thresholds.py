@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._discrete_stays.data import DiscreteData
-from swsysid._discrete_stays.known_guard import KnownGuard
-from swsysid._discrete_stays.lagged import Labels
+from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._discrete_stays.rows import RowFit, as_fit, law_of, row_costs, scale_of, worth
 from swsysid._results import Array
 

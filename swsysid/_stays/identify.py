@@ -36,12 +36,11 @@ from swsysid._stays.monomials import without_weakest
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.noise import leaves_noise, noise_of
 from swsysid._stays.polynomial_laws import laws_of
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, in_exact_steps
 from swsysid._stays.retold import retold
 from swsysid._stays.samples import intervals_of, misfits, named_as, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
-from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import (
     on_present_modes,
     on_surface,

@@ -19,10 +19,8 @@ from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
 from swsysid._stays.exact import ExactModes, exact_modes
 from swsysid._stays.given import Given, check_channels, check_observed
-from swsysid._stays.grown import grown
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
-from swsysid._stays.independent import in_these, of_their_own
 from swsysid._stays.intervals import (
     IntervalLaws,
     Intervals,
@@ -32,15 +30,15 @@ from swsysid._stays.intervals import (
     without_equal,
 )
 from swsysid._stays.laws import Laws
-from swsysid._stays.merged import closest, merged
+from swsysid._stays.merged import closest, grown, merged
+from swsysid._stays.monomials import with_few_terms
 from swsysid._stays.pieces import part_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import misfits
 from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import LIMITS, StaySettings
-from swsysid._stays.start import Differentiated, differentiated, start_from
+from swsysid._stays.start import Differentiated, differentiated, in_these, of_their_own, start_from
 from swsysid._stays.stays import Stays
-from swsysid._stays.terms import with_few_terms
 from swsysid._ties import least_of
 
 

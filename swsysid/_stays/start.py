@@ -1,4 +1,7 @@
-"""Where an identification from recordings starts: the estimator on differentiated recordings."""
+"""Where an identification from recordings starts: the estimator on differentiated recordings.
+
+Features that say nothing of their own, sums of others wherever the recordings go, take no part.
+"""
 
 from __future__ import annotations
 
@@ -169,3 +172,23 @@ def _rough(
     else:
         rough[:, :n_channels] = filled
     return rough
+
+
+def of_their_own(features: Array) -> NDArray[np.bool_]:
+    """Features (n_rows, n_features) that are no combination of those before them."""
+    norms = np.linalg.norm(features, axis=0)
+    scaled = features / np.where(norms > 0.0, norms, 1.0)
+    left = np.abs(np.diag(np.linalg.qr(scaled, mode="r")))
+    own = np.zeros(len(norms), dtype=bool)
+    own[: len(left)] = left > LIMITS.of_its_own
+    return own
+
+
+def in_these(coef: Array, features: Array, own: NDArray[np.bool_]) -> Array:
+    """The same laws (n_modes, n_states, n_features) in some of the features."""
+    if own.all():
+        return coef
+    values = features @ coef.reshape(-1, coef.shape[2]).T
+    moved = np.zeros_like(coef).reshape(-1, coef.shape[2])
+    moved[:, own] = np.linalg.lstsq(features[:, own], values, rcond=None)[0].T
+    return moved.reshape(coef.shape)

@@ -11,7 +11,7 @@ from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._data.recordings import Record
 from swsysid._free_rollouts.courses import Course
 from swsysid._stays import rollouts
-from swsysid._stays.free_runs import FreeRuns
+from swsysid._stays.free import FreeRuns
 from swsysid._stays.guards import Guards
 from swsysid._stays.origin import Origin
 from swsysid._stays.polynomial_laws import laws_of
