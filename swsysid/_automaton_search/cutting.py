@@ -6,8 +6,8 @@ Answers with more modes begin with the recordings as they were: where modes are 
 like a jump may be one of these.
 
 *That it jumps*: the most likely modes are sought once more with every mode there twice, entered
-with the state going on, or by a jump, after which nothing is known of the state but its spread. What the
-samples after it say of the state then pays for a jump, or does not.
+with the state going on, or by a jump, after which nothing is known of the state but its spread.
+What the samples after it say of the state then pays for a jump, or does not.
 
 *Where it does*: from some samples before a cut the old law is followed over it, from some after it
 the new one is followed back. Where the samples leave the one for the other, the recording jumps.

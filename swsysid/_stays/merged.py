@@ -1,8 +1,9 @@
 r"""One mode fewer than those of an answer, or one more.
 
 *Fewer*: the two whose laws differ least become one. With the covariance :math:`\Sigma` of both
-laws together, their difference :math:`d` lowers the likelihood by :math:`\tfrac12 d^\top \Sigma_d^{-1} d` where they are made equal, as long as stays
-remain; the law of both is the mean of the two, each weighted by the inverse of its covariance.
+laws together, their difference :math:`d` lowers the likelihood by
+:math:`\tfrac12 d^\top \Sigma_d^{-1} d` where they are made equal, as long as stays remain; the law
+of both is the mean of the two, each weighted by the inverse of its covariance.
 
 *More*: the law of the segment that those of the answer explain worst.
 """
