@@ -24,7 +24,7 @@ from swsysid._automaton.transitions import PolynomialGuard, Transition
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._data.features import FeatureMap
 from swsysid._data.records import Records, next_states
-from swsysid._effect_model.declared import Added, FittedDeclared, Modes
+from swsysid._effect_model.declared import Added, Declared, FittedDeclared, FittedLaws, Modes
 from swsysid._effect_model.decoding import decoded, modes_of_velocities
 from swsysid._noise import robust_regression
 from swsysid._results import Array
@@ -34,7 +34,7 @@ Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class DeclaredAutomaton:
+class DeclaredAutomaton(Declared):
     """An automaton whose laws are fitted in given modes."""
 
     automaton: HybridAutomaton
@@ -56,15 +56,8 @@ class DeclaredAutomaton:
         return self.automaton.discrete_time
 
     @property
-    def robust(self) -> bool:
-        return True
-
-    @property
     def known(self) -> HybridAutomaton:
         return self.automaton
-
-    def with_modes(self, n_modes: int) -> DeclaredAutomaton:
-        return self
 
     def extended(self, effect: StructureEffect) -> DeclaredAutomaton:
         raise ValueError(f"an automaton has the modes that it has; leave {effect.kind!r} out.")
@@ -106,7 +99,7 @@ class DeclaredAutomaton:
 
 
 @dataclass(frozen=True)
-class AutomatonLaws:
+class AutomatonLaws(FittedLaws):
     """Those of an automaton, whose guards tell where recordings change the mode."""
 
     automaton: HybridAutomaton
@@ -128,10 +121,6 @@ class AutomatonLaws:
         return self.automaton.discrete_time
 
     @property
-    def seeks_modes(self) -> bool:
-        return False
-
-    @property
     def resets(self) -> frozenset[tuple[int, int]]:
         listed = self.automaton.transitions
         return frozenset((one.source, one.target) for one in listed if one.reset is not None)
@@ -139,11 +128,6 @@ class AutomatonLaws:
     @property
     def n_columns(self) -> int:
         return self.automaton.n_states + self.automaton.n_inputs
-
-    @property
-    def n_surface_parameters(self) -> int:
-        """None: an automaton keeps its guards."""
-        return 0
 
     def seen(self, X: Array) -> Array:
         return X
