@@ -12,8 +12,8 @@ from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.doubts import untold_switches
 from swsysid._automaton_search.guards import GuardTerms
+from swsysid._automaton_search.judged import rollout_score
 from swsysid._automaton_search.report import AutomatonReport
-from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole

@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
-from swsysid._automaton_search.apart import apart
 from swsysid._automaton_search.assembly import (
     Assembled,
     assembled,
@@ -33,10 +32,10 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import certificates
-from swsysid._automaton_search.cutting import Cut, Cutting
+from swsysid._automaton_search.cutting import Cut, Cutting, apart
+from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.elsewhere import errors_elsewhere, guard_elsewhere, told_from
 from swsysid._automaton_search.errors import AutomatonErrors
-from swsysid._automaton_search.exits import shared_exits
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import GuardTerms, missed_by
 from swsysid._automaton_search.instants import Settled
@@ -64,7 +63,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.certainty import certainty
 from swsysid._stays.count import CountCandidate
-from swsysid._stays.given import Given
+from swsysid._stays.given import Given, without_clipped
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import (
@@ -77,7 +76,6 @@ from swsysid._stays.pieces import (
 )
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import ExactStart, Search
-from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import StaySettings
 
 

@@ -11,6 +11,8 @@ What the samples after it say of the state then pays for a jump, or does not.
 
 *Where it does*: from some samples before a cut the old law is followed over it, from some after it
 the new one is followed back. Where the samples leave the one for the other, the recording jumps.
+
+*What it does there*: stays are taken apart from each other, each with states of its own.
 """
 
 from __future__ import annotations
@@ -21,7 +23,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import flown
 from swsysid._data.recordings import Record
@@ -30,14 +31,19 @@ from swsysid._results import Array
 from swsysid._stays.assign import disturbances
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes
 from swsysid._stays.decoding import decode
+from swsysid._stays.descent import most_likely
 from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.pieces import Pieces, cut_at
-from swsysid._stays.samples import states_of
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.samples import modes_of, states_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
+from swsysid._stays.stays import Stays
 
 
 @dataclass(frozen=True)
@@ -264,3 +270,58 @@ def _followed(
         x = flown(laws, which, x, record.u[[here]], slopes, duration)
         path.append(x[0])
     return np.array(path)
+
+
+def apart(
+    given: Given, found: StayIdentification, pieces: Pieces, settings: StaySettings
+) -> tuple[StayIdentification, Pieces]:
+    """The same stays, each a piece of its own that starts where its own samples say."""
+    modes, states = by_samples(given, found, pieces)
+    cuts = [
+        np.union1d(np.flatnonzero(np.diff(own)), pieces.last[pieces.recording == k])
+        for k, own in enumerate(modes)
+    ]
+    alone = cut_at(
+        given,
+        [own[own < len(own_modes) - 1] for own, own_modes in zip(cuts, modes, strict=True)],
+        SETTINGS.fewest_of_a_stay,
+    )
+    first = np.array(
+        [modes[k][place] for k, place in zip(alone.recording, alone.first, strict=True)]
+    )
+    alone, first = alone.take(first >= 0), first[first >= 0]
+    rough = [
+        states[k][a : b + 1]
+        for k, a, b in zip(alone.recording, alone.first, alone.last, strict=True)
+    ]
+    recordings = Recordings.of(alone.given.records, rough)
+    parts = found.estimate.nodes.recordings.per_sample
+    recordings = replace(
+        recordings.divided(parts), first_step=found.estimate.nodes.recordings.first_step
+    )
+    stays = [Stays(np.array([mode]), np.zeros(0)) for mode in first]
+    nodes = recordings.in_a_row(recordings.guess)
+    estimate = Estimate(found.estimate.laws, Nodes(recordings, stays), nodes)
+    reached = most_likely(estimate, found.reached.noise, settings.roughly(), near=True)
+    return replace(found, reached=reached), alone
+
+
+def by_samples(
+    given: Given, found: StayIdentification, pieces: Pieces
+) -> tuple[list[NDArray[np.intp]], list[Array]]:
+    """Modes and states at the samples of each recording.
+
+    Where no piece tells, the mode is -1 and the state as it was measured.
+    """
+    recordings = found.estimate.nodes.recordings
+    parts = np.cumsum([len(places) for places in recordings.sampled])[:-1]
+    of_pieces = np.split(modes_of(found.estimate), parts)
+    states_of_pieces = np.split(recordings.joined(states_of(found.estimate)), parts)
+    lengths = [len(record.t) for record in given.records]
+    modes = [np.full(n, -1, dtype=np.intp) for n in lengths]
+    states = [record.filled.copy() for record in given.records]
+    for k, first, last, mode, state in zip(
+        pieces.recording, pieces.first, pieces.last, of_pieces, states_of_pieces, strict=True
+    ):
+        modes[k][first : last + 1], states[k][first : last + 1] = mode, state
+    return modes, states

@@ -20,8 +20,8 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import UNKNOWN, Certificate, certificate
+from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.errors import AutomatonErrors
-from swsysid._automaton_search.exits import shared_exits
 from swsysid._automaton_search.found import FoundReset, FoundTransition
 from swsysid._automaton_search.judged import (
     Guards,

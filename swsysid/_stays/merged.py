@@ -20,10 +20,9 @@ from scipy.integrate import cumulative_trapezoid
 
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.identification import StayIdentification
+from swsysid._stays.identification import StayIdentification, noise_of
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
-from swsysid._stays.noise import noise_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import intervals_of
 from swsysid._stays.settings import LIMITS, SETTINGS

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.input_steps import Hold
+from swsysid._data.recordings import Hold
 from swsysid._free_rollouts.judge import Break, FreeRollouts
 from swsysid._rendering.printing import counted, determined, sum_with_errors
 from swsysid._results import Array

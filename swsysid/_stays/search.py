@@ -18,7 +18,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
 from swsysid._stays.exact import ExactModes, exact_modes
-from swsysid._stays.given import Given, check_channels, check_observed
+from swsysid._stays.given import Given, check_channels, check_observed, without_clipped
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
 from swsysid._stays.intervals import (
@@ -35,7 +35,6 @@ from swsysid._stays.monomials import with_few_terms
 from swsysid._stays.pieces import part_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import misfits
-from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.start import Differentiated, differentiated, in_these, of_their_own, start_from
 from swsysid._stays.stays import Stays
