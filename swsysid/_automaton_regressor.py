@@ -113,8 +113,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         The candidates of ``n_modes="auto"``.
     refinement_ : AutomatonRefinement or None
         What `refine` gained, and standard errors of laws, guards and resets; None where there was
-        nothing to refine: no noise, no transition, or one surface whose coefficients were found
-        together with the laws.
+        nothing to refine: no noise, or no transition.
     report_ : AutomatonReport
 
     See Also

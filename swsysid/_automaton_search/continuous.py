@@ -8,8 +8,7 @@
    all pieces are joined, where it jumps they are cut, and stays are told anew. Recordings without
    noise tell both at once, interval by interval.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
-   zero at the samples of its mode (`guards`), unless another one forestalls it (`possible`). Where
-   one surface is crossed both ways laws and surface are found together (`one_surface`).
+   zero at the samples of its mode (`guards`), unless another one forestalls it.
 4. *Jointly.* Laws, guards and resets are refined together (`refined`).
 """
 
@@ -46,12 +45,6 @@ from swsysid._automaton_search.judged import (
     switches_by_recording,
 )
 from swsysid._automaton_search.jumps import jumps_of
-from swsysid._automaton_search.one_surface import (
-    explains,
-    guards_of,
-    may_be_one_surface,
-    with_surface,
-)
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
@@ -90,7 +83,7 @@ def identified(
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `terms` are those of the guards.
 
-    It is refined unless the recordings have no noise, or laws and surface were found together.
+    It is refined unless the recordings have no noise.
     """
     origin = Origin.of(given, estimator)
     counted = origin.counted(given)
@@ -121,19 +114,12 @@ def _identified(
         cutting = Cutting(estimator, given, settings, told)
         cut = _in_rounds(cutting, jumps, terms)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
-    together = followed is not None
     found = transitions_of(stays, pieces, terms)
-    interval = stays.estimate.nodes.recordings.interval
-    if not terms.n_unseen and may_be_one_surface(found, interval):
-        surfaced = with_surface(estimator, pieces.given, terms.degree, settings, told)
-        if explains(surfaced, stays):
-            stays, together = surfaced, True
-            found = transitions_of(stays, pieces, terms, guards_of(stays))
-    more = None if together else with_brief_stays(found, stays, settings)
+    more = with_brief_stays(found, stays, settings) if followed is None else None
     if more is not None:
         stays, found = more, transitions_of(more, pieces, terms)
     found = _by_rollouts(given, stays, pieces, possible(found, stays))
-    if refine and found and not together:
+    if refine and found and followed is None:
         told()
         parts, refinement = _refined_if_possible(
             without_limits(given), stays, pieces, found, settings, origin

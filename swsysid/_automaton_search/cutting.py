@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.switches import flown
 from swsysid._data.recordings import Record
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
@@ -35,6 +34,7 @@ from swsysid._stays.descent import most_likely
 from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.intervals import flow
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
@@ -266,8 +266,7 @@ def _followed(
     x, path, which = start[None], [start], np.array([mode])
     for here, there in zip(samples[:-1].tolist(), samples[1:].tolist(), strict=True):
         duration = record.t[[there]] - record.t[here]
-        slopes = (record.u[[there]] - record.u[here]) / duration[:, None]
-        x = flown(laws, which, x, record.u[[here]], slopes, duration)
+        x = flow(laws, which, x, record.u[[here]], record.u[[there]], duration)
         path.append(x[0])
     return np.array(path)
 

@@ -107,21 +107,6 @@ def best_guard(
     )
 
 
-class StatedGuard(NamedTuple):
-    """A guard that is known otherwise, with the standard errors of its coefficients."""
-
-    guard: PolynomialGuard
-    errors: Array
-
-
-def stated_guard(crossed: Crossed, stated: StatedGuard) -> FoundGuard:
-    """A guard that is known."""
-    guard = stated.guard
-    misses = missed_by(guard, crossed.columns, crossed.rates)
-    some = np.flatnonzero(guard.powers.any(axis=0))
-    return FoundGuard(guard, 0.0, misses, some, stated.errors)
-
-
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
     """Times by which a guard is missed at some columns, which change at some rates."""
     return np.asarray(guard.values(columns) / _rises(guard, columns, rates)[1])

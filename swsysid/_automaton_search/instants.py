@@ -9,7 +9,6 @@ that may go on do so, and every choice of these is tried.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -20,10 +19,8 @@ from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransit
 from swsysid._automaton_search.guards import (
     Crossed,
     GuardTerms,
-    StatedGuard,
     best_guard,
     blurred_by,
-    stated_guard,
 )
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
@@ -42,7 +39,6 @@ class Known:
     noise: Array  # (n_states,)
     interval: float
     terms: GuardTerms
-    stated: Mapping[tuple[int, int], StatedGuard]  # guards that are known
 
     def crossed(self, switches: Switches) -> Crossed:
         """What the guard of switches is known by, these at their present instants."""
@@ -54,9 +50,6 @@ class Known:
 
     def guard(self, switches: Switches, some: NDArray[np.intp] | None = None) -> FoundGuard | None:
         """The guard of switches at their present instants, of some columns or of any."""
-        pair = int(switches.source[0]), int(switches.target[0])
-        if pair in self.stated:
-            return stated_guard(self.crossed(switches), self.stated[pair])
         return best_guard(self.crossed(switches), self.terms.degree, some)
 
     @property
@@ -73,7 +66,6 @@ class Settled:
     guard: FoundGuard | None
     reset: FoundReset | None
     cost: float = 0.0
-    shared: FoundGuard | None = None  # the best one that is also the surface of the way back
     forestalled: bool = False  # by another one, always
 
     @property

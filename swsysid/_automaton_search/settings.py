@@ -27,10 +27,9 @@ class AutomatonSettings:
     farthest_place: int = 10
     lost: float = 1e4
     # -- pieces: rounds in which they are cut and joined; samples by which a stay tells its own
-    # states; steps of the integration between two samples
+    # states
     most_rounds: int = 4
     fewest_of_a_stay: int = 4
-    steps: int = 4
     # -- guards, in intervals: the least error of an instant, and by how much a sample may lie
     # beyond; in deviations, what is so far off that it counts less; of the median rate at which a
     # guard is crossed, the slowest; columns that it depends on; turns of weights, the first of them
@@ -76,8 +75,6 @@ class AutomatonSettings:
     # intervals before which its guard is about to be passed
     more_often: float = 3.0
     about_to: float = 0.5
-    # -- one surface for both ways: deviations by which what is missing may exceed its mean
-    sure: float = 3.0
     # -- all refined together: how tightly nodes are tied to each other, in units of the noise; by
     # which switches may miss their guards, in intervals between samples; and turns for each. The
     # last make the nodes one rollout, as chaos asks for; automata are judged with ties at which

@@ -7,13 +7,12 @@ between that was too brief to be told. It is told where the automaton knows the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
-from swsysid._automaton_search.guards import GuardTerms, StatedGuard, missed_by, surface_both_ways
+from swsysid._automaton_search.guards import GuardTerms, missed_by, surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
@@ -25,33 +24,25 @@ from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
 
 
-def transitions_of(
-    stays: StayIdentification,
-    pieces: Pieces,
-    terms: GuardTerms,
-    stated: Mapping[tuple[int, int], StatedGuard] = MappingProxyType({}),
-) -> list[Settled]:
-    """Guards, resets and instants of all transitions; some guards may be known."""
-    found = _settled(stays, switches_of(stays, pieces), terms, stated)
+def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
+    """Guards, resets and instants of all transitions."""
+    found = _settled(stays, switches_of(stays, pieces), terms)
     began = np.full(len(pieces.first), np.nan)
     for one in found:
         own = one.switches
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        found = _settled(stays, switches_of(stays, pieces, began), terms, stated)
+        found = _settled(stays, switches_of(stays, pieces, began), terms)
     return found
 
 
 def _settled(
-    stays: StayIdentification,
-    told: tuple[Switches, Visits],
-    terms: GuardTerms,
-    stated: Mapping[tuple[int, int], StatedGuard],
+    stays: StayIdentification, told: tuple[Switches, Visits], terms: GuardTerms
 ) -> list[Settled]:
     switches, visits = told
     interval = stays.estimate.nodes.recordings.interval
-    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, terms, stated)
+    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, terms)
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
         (source, target): settled(
@@ -60,7 +51,7 @@ def _settled(
         for source, target in pairs
     }
     for source, target in pairs:
-        if source < target and (target, source) in found and not stated:
+        if source < target and (target, source) in found:
             both = found[source, target], found[target, source]
             found[source, target], found[target, source] = _of_one_surface(*both, known)
     return list(found.values())
@@ -76,8 +67,8 @@ def _of_one_surface(there: Settled, back: Settled, known: Known) -> tuple[Settle
         return there, back
     up, down = surface
     if up.cost > there.guard.cost + back.guard.cost:
-        return replace(there, shared=up), replace(back, shared=down)
-    return replace(there, guard=up, shared=up), replace(back, guard=down, shared=down)
+        return there, back
+    return replace(there, guard=up), replace(back, guard=down)
 
 
 def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settled]:

@@ -31,7 +31,10 @@ from swsysid._stays.arrow import Arrow
 from swsysid._stays.descent import descended
 from swsysid._stays.information import covariance_of
 from swsysid._stays.laws import slopes_of
-from swsysid._stays.settings import SETTINGS as DESCENT
+from swsysid._stays.settings import SETTINGS as STAYS
+
+# Profiles over the ratio of both noises compare tenths of a nat (`noises`).
+_CLOSELY = replace(STAYS, converged=1e-6)
 
 
 @dataclass(frozen=True)
@@ -222,7 +225,7 @@ def with_states(
     problem = StateProblem(data, fit.lawful, free, np.maximum(noise, settings.least_noise), tie)
     coef, states = np.where(free[:, None], coef, 0.0), problem.y if states is None else states
     trial = LawsAndStates(coef, problem.columns_of_coef >= 0, states)
-    found, _ = descended(trial, problem, settings.most_steps, DESCENT)
+    found, _ = descended(trial, problem, settings.most_steps, _CLOSELY)
     left = problem.left(found.coef, found.states, data.features(problem.columns(found.states)))
     noise = _noise(problem, found.states, left, tie)
     problem = StateProblem(data, fit.lawful, free, noise, tie)
