@@ -40,7 +40,6 @@ from swsysid._discrete_stays.identify import (
     with_guards,
 )
 from swsysid._discrete_stays.lagged import KnownGuard
-from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._results import Array
@@ -65,7 +64,7 @@ def identified(
         library=library,
         n_modes=n_modes,
         channels=given.names,
-        settings=replace(DISCRETE, most_modes=max_modes),
+        max_modes=max_modes,
     )
     rows, transitions = _agreeing(ModeRows(stays, given), degree)
     stays, sure = rows.stays, DiscreteCertainty.of(rows.stays)

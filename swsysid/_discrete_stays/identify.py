@@ -28,7 +28,7 @@ from swsysid._discrete_stays.search import (
     StaySearch,
     lasting_only,
 )
-from swsysid._discrete_stays.settings import SETTINGS, DiscreteSettings
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
 from swsysid._stays.information import covariance_of
@@ -93,7 +93,8 @@ def identify_stays(
     library: object = None,
     n_modes: int | str = "auto",
     channels: Sequence[str] | None = None,
-    settings: DiscreteSettings = SETTINGS,
+    max_modes: int = SETTINGS.most_modes,
+    most_lags: int = SETTINGS.most_lags,
 ) -> DiscreteStays:
     """Laws and stays of recordings of a system that switches at samples.
 
@@ -111,7 +112,8 @@ def identify_stays(
         If the recordings do not tell so many apart the answer has fewer.
     channels : sequence of str, default=None
         Names of the states and inputs.
-    settings : DiscreteSettings
+    max_modes, most_lags : int
+        Where they are to be found.
 
     Returns
     -------
@@ -146,13 +148,13 @@ def identify_stays(
     def searched(lags: int) -> Searched:
         rows = lagged_rows(ordered, lags, channels)
         feature_map = FeatureMap(library, rows.columns, rows.names)
-        data = DiscreteData.of(rows, feature_map, settings)
-        return StaySearch(data).best(None if n_modes == "auto" else int(n_modes))
+        search = StaySearch(DiscreteData.of(rows, feature_map), max_modes)
+        return search.best(None if n_modes == "auto" else int(n_modes))
 
     if lags != "auto":
         one = searched(int(lags))
         return _answer(one, np.full(len(one.found.coef), lags), (), shapes, order)
-    chosen, tried = choose_lags(searched, settings)
+    chosen, tried = choose_lags(searched, most_lags)
     one, own = with_own_orders(searched(chosen))
     return _answer(one, own, tried, shapes, order)
 

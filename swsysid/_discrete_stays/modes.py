@@ -22,6 +22,7 @@ from swsysid._discrete_stays.rows import (
     scale_of,
     switching_of,
 )
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import StateFit
 from swsysid._discrete_stays.switching import Switching
 from swsysid._results import Array
@@ -38,16 +39,16 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
     scale = scale_of(problem, found.coef, np.where(unexplained, -1, fit.modes))
     modes = assigned(problem, found.coef, scale, fit.switching).modes
     if len(found.coef) > 1 and not unexplained.all():
-        settings, inside = data.settings, ~unexplained
+        inside = ~unexplained
         begins = inside & (data.rows.begins | np.append(True, unexplained[:-1]))
         ends = inside & np.append((data.rows.begins | unexplained)[1:], True)
         first = np.flatnonzero(begins)
         recordings = _stretches(data, first, np.flatnonzero(ends) + 1)
-        side_by_side, pieces = recordings.cut(settings.decoded, settings.overlap)
+        side_by_side, pieces = recordings.cut(SETTINGS.decoded, SETTINGS.overlap)
         # the first row of a piece tells all lagged states, the others the newest
         side_by_side.y[1:, :, data.rows.n_states :] = np.nan
         maps = MapFilter.of(data, found, fit.switching, fit.guards, side_by_side.u)
-        decoded = decode(maps, side_by_side, price=0.0, n_kept=settings.n_kept)
+        decoded = decode(maps, side_by_side, price=0.0, n_kept=SETTINGS.n_kept)
         likelihood = float(decoded.log_likelihood.sum())
         found_modes = recordings.of_pieces(decoded.modes, pieces)
         modes[inside] = found_modes.T[recordings.steps.T > 0.0]
@@ -86,7 +87,7 @@ def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np
     left = found.states[found.back[rows, 0]] - features @ found.coef.transpose(0, 2, 1)
     by_noise = 0.5 * np.square(left / fit.scale[:, None]) + np.log(fit.scale)[:, None]
     nats[rows] = by_noise.sum(axis=2).min(axis=0)
-    return np.asarray(nats > -np.log(data.settings.unexplained))
+    return np.asarray(nats > -np.log(SETTINGS.unexplained))
 
 
 def _stretches(data: DiscreteData, first: Labels, end: Labels) -> Recordings:
@@ -125,7 +126,7 @@ class MapFilter:
         n, memory = data.rows.n_states, data.rows.lags + 1
         laws = Laws(found.coef, data.features, np.ones(n * memory), np.zeros_like(found.coef) > 0)
         disturbance = np.zeros(n * memory)
-        farthest = data.settings.farthest * float(np.abs(found.states).max())
+        farthest = SETTINGS.farthest * float(np.abs(found.states).max())
         disturbance[:n] = found.tie * found.noise
         switching = Switching.of(data, len(found.coef), probability, guards)
         return cls(laws, np.tile(found.noise, memory), disturbance, u, switching, farthest)

@@ -17,6 +17,7 @@ import numpy as np
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.rows import RowFit
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import StateFit, law_covariance, with_states
 from swsysid._results import Array
 
@@ -26,10 +27,10 @@ def with_own_ratio(data: DiscreteData, fit: RowFit, found: StateFit) -> StateFit
 
     The states climb together, then each by itself, which has to be worth a coefficient.
     """
-    n_states, settings = data.rows.n_states, data.settings
+    n_states = data.rows.n_states
     alone = [(one, 1.0) for one in np.eye(n_states)] if n_states > 1 else []
-    for direction, worth in [(np.ones(n_states), settings.converged), *alone]:
-        for step in settings.ratio_steps:
+    for direction, worth in [(np.ones(n_states), SETTINGS.converged), *alone]:
+        for step in SETTINGS.ratio_steps:
             for way in (step, 1.0 / step):
                 found = _climbed(data, fit, found, way**direction, worth)
     return found
@@ -39,7 +40,7 @@ def _climbed(
     data: DiscreteData, fit: RowFit, found: StateFit, step: Array, worth: float
 ) -> StateFit:
     """The same with ratios as many steps further as are worth it."""
-    least, most = data.settings.ratios[0], data.settings.ratios[-1]
+    least, most = SETTINGS.ratios[0], SETTINGS.ratios[-1]
     while ((tie := found.tie * step) >= least).all() and (tie <= most).all():
         trial = with_states(data, fit, tie, found)
         if not trial.cost < found.cost - worth:
@@ -73,7 +74,7 @@ class NoiseProfile:
         """That of modes which are known."""
         free = (found.coef != 0.0).any(axis=1)
         # from the best ratio outwards, each from the one beside it
-        ratios = np.asarray(data.settings.ratios)
+        ratios = np.asarray(SETTINGS.ratios)
         up = [found]
         for ratio in ratios[ratios > found.tie.max()]:
             up.append(with_states(data, fit, np.full_like(found.tie, ratio), up[-1], free))

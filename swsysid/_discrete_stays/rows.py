@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.lagged import KnownGuard, Labels
-from swsysid._discrete_stays.settings import DiscreteSettings
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._stays.decoding import cheapest_modes
@@ -35,12 +35,11 @@ class RowProblem:
     targets: Array  # (n_rows, n_states)
     begins: NDArray[np.bool_]
     memory: Labels  # (n_features,): the longest lag that each feature sees
-    settings: DiscreteSettings
 
     @cached_property
     def floor(self) -> Array:
         """Residuals that rounding leaves, (n_states,)."""
-        return self.settings.rounding * np.sqrt(np.square(self.targets).mean(axis=0)).clip(1.0)
+        return SETTINGS.rounding * np.sqrt(np.square(self.targets).mean(axis=0)).clip(1.0)
 
     @cached_property
     def places(self) -> tuple[Labels, Labels]:
@@ -83,19 +82,18 @@ class RowFit:
 
 def alternate(problem: RowProblem, coef: Array, free: NDArray[np.bool_] | None = None) -> RowFit:
     """Modes and laws in turn until the modes stay; `free` (n_modes, n_features) are in a law."""
-    settings = problem.settings
     free = np.ones(coef[:, 0].shape, dtype=bool) if free is None else free
     scale = _first_scale(problem, coef)
-    switching, modes, history = settings.switching, None, []
-    for _ in range(settings.most_rounds):
+    switching, modes, history = SETTINGS.switching, None, []
+    for _ in range(SETTINGS.most_rounds):
         fit = assigned(problem, coef, scale, switching)
         history.append(fit.cost)
         same = modes is not None and np.array_equal(modes, fit.lawful)
         modes = fit.lawful
         coef = fitted(problem, modes, coef, free)
         reached = scale_of(problem, coef, modes, free.sum(axis=1))
-        settled = same and (reached >= settings.settled * scale).all()
-        scale = reached if same else np.maximum(reached, settings.shrinks * scale)
+        settled = same and (reached >= SETTINGS.settled * scale).all()
+        scale = reached if same else np.maximum(reached, SETTINGS.shrinks * scale)
         switching = switching_of(modes, problem)
         if settled:
             break
@@ -130,7 +128,7 @@ def scale_of(problem: RowProblem, coef: Array, modes: Labels, n_free: int | NDAr
 def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -> RowFit:
     """The most likely modes for given laws."""
     costs = row_costs(problem, coef, scale)
-    price = problem.settings.price(len(coef), switching)
+    price = SETTINGS.price(len(coef), switching)
     modes = cheapest_modes(costs, problem.begins, price)
     return as_fit(problem, coef, scale, switching, modes, costs)
 
@@ -139,7 +137,7 @@ def row_costs(problem: RowProblem, coef: Array, scale: Array) -> Array:
     """Nats of every row in every mode, at most those of a row that no law explains."""
     squares = np.square(problem.residuals(coef) / scale[:, None]).sum(axis=2)
     costs = (0.5 * squares + np.log(scale).sum(axis=1)[:, None]).T
-    return np.minimum(costs, -np.log(problem.settings.unexplained))
+    return np.minimum(costs, -np.log(SETTINGS.unexplained))
 
 
 def as_fit(
@@ -148,9 +146,9 @@ def as_fit(
     """Laws and modes with what they are worth."""
     own = costs[np.arange(len(modes)), modes]
     n_switches = int(np.count_nonzero((np.diff(modes) != 0) & ~problem.begins[1:]))
-    price = problem.settings.price(len(coef), switching)
+    price = SETTINGS.price(len(coef), switching)
     of_switches = float(price * n_switches - len(modes) * np.log1p(-switching))
-    unexplained = own >= -np.log(problem.settings.unexplained)
+    unexplained = own >= -np.log(SETTINGS.unexplained)
     cost = float(own[~unexplained].sum()) + nats_of_unexplained(unexplained) + of_switches
     return RowFit(coef, modes, unexplained, scale, switching, cost, of_switches)
 
@@ -197,7 +195,7 @@ def _independent(
         return ordered
     own = np.abs(np.diag(np.linalg.qr(features[:, ordered], mode="r")))
     size = np.linalg.norm(features[:, ordered], axis=0)
-    return ordered[own > problem.settings.dependent * size]
+    return ordered[own > SETTINGS.dependent * size]
 
 
 def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:

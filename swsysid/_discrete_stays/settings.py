@@ -84,10 +84,10 @@ class DiscreteSettings:
     # more, before each stage of the states
     hopeless: tuple[float, ...] = (0.5, 0.1)
     most_modes: int = 6
-    # -- Lags that are tried, the share of a recording that is held out, samples after which a
+    # -- Most lags that are tried, the share of a recording that is held out, samples after which a
     # rollout begins anew, standard errors by which a longer memory must be better, and the error
     # of a rollout below which it is rounding
-    lags: tuple[int, ...] = (0, 1, 2, 3, 4)
+    most_lags: int = 4
     held_out: float = 0.3
     horizon: int = 40
     standard_errors: float = 2.0

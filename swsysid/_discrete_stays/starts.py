@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.rows import RowProblem
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
 
 
@@ -72,19 +73,19 @@ def _of_windows(problem: RowProblem) -> Array:
     shorter than a law has coefficients every window has a switch, but some of several that are
     shorter still, here and there in the recordings, are in one mode all of them.
     """
-    settings, n_features = problem.settings, problem.features.shape[1]
+    n_features = problem.features.shape[1]
     laws = [np.linalg.lstsq(problem.features, problem.targets, rcond=None)[0].T[None]]
-    lengths = [int(factor * n_features) + settings.spare for factor in settings.window_factors]
+    lengths = [int(factor * n_features) + SETTINGS.spare for factor in SETTINGS.window_factors]
     for n_parts, length in [(1, length) for length in lengths] + [
-        (n_parts, -(-lengths[0] // n_parts)) for n_parts in settings.window_parts
+        (n_parts, -(-lengths[0] // n_parts)) for n_parts in SETTINGS.window_parts
     ]:
         rows = _windows(problem, n_parts, length)
         if not len(rows):
             continue
         features, targets = problem.features[rows], problem.targets[rows]
-        of_windows = np.linalg.pinv(features, rcond=settings.rank) @ targets
+        of_windows = np.linalg.pinv(features, rcond=SETTINGS.rank) @ targets
         squares = np.square(targets - features @ of_windows).sum(axis=(1, 2))
-        groups = np.array_split(np.arange(len(rows)), min(settings.windows, len(rows)))
+        groups = np.array_split(np.arange(len(rows)), min(SETTINGS.windows, len(rows)))
         best = [group[squares[group].argmin()] for group in groups]
         laws.append(of_windows[best].transpose(0, 2, 1))
     return np.concatenate(laws)
@@ -95,13 +96,12 @@ def _windows(problem: RowProblem, n_parts: int, length: int) -> NDArray[np.intp]
 
     Each has parts of so many successive rows, the first where it is and the others anywhere.
     """
-    settings = problem.settings
     place, stretch = problem.places
     left = np.bincount(stretch)[stretch] - place  # rows of the stretch from each row on
     firsts = np.flatnonzero(left >= length)
     if not len(firsts):
         return np.zeros((0, 0), dtype=np.intp)
-    most = settings.tried if n_parts == 1 else settings.tried_in_parts
+    most = SETTINGS.tried if n_parts == 1 else SETTINGS.tried_in_parts
     tried = np.unique(np.linspace(0, len(firsts) - 1, most).round().astype(int))
     others = np.random.default_rng(0).integers(len(firsts), size=(len(tried), n_parts - 1))
     begins = firsts[np.column_stack([tried, others])]
@@ -110,14 +110,14 @@ def _windows(problem: RowProblem, n_parts: int, length: int) -> NDArray[np.intp]
 
 def _refined(problem: RowProblem, coef: Array) -> Array:
     """Laws after some rounds of least squares with more weight on the rows they explain."""
-    settings, features = problem.settings, problem.features
+    features = problem.features
     n_features = features.shape[1]
     products = (features[:, :, None] * features[:, None, :]).reshape(len(features), -1)
     mixed = (features[:, :, None] * problem.targets[:, None, :]).reshape(len(features), -1)
     hold = 1e-12 * np.eye(n_features)
-    for _ in range(settings.reweightings):
+    for _ in range(SETTINGS.reweightings):
         squares = _block_squares(problem, coef)
-        least = np.quantile(squares, settings.share, axis=1)[:, None]
+        least = np.quantile(squares, SETTINGS.share, axis=1)[:, None]
         weight = 1.0 / (squares + least + np.square(problem.floor).sum())
         weight /= weight.sum(axis=1)[:, None]
         matrix = (weight @ products).reshape(-1, n_features, n_features) + hold
@@ -130,7 +130,7 @@ def _block_squares(problem: RowProblem, coef: Array) -> Array:
     """Squared residuals of laws, averaged over a few successive rows, (n_laws, n_rows)."""
     squares = np.square(problem.residuals(coef)).sum(axis=2)
     sums = np.cumsum(np.pad(squares, ((0, 0), (1, 0))), axis=1)
-    n, half = squares.shape[1], problem.settings.block // 2
+    n, half = squares.shape[1], SETTINGS.block // 2
     rows = np.arange(n)
     first, last = np.maximum(rows - half, 0), np.minimum(rows + half + 1, n)
     return (sums[:, last] - sums[:, first]).clip(0.0) / (last - first)

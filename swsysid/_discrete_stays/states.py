@@ -26,6 +26,7 @@ from scipy.linalg import LinAlgError
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import RowFit, nats_of_unexplained
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.arrow import Arrow
 from swsysid._stays.descent import descended
@@ -216,16 +217,15 @@ def with_states(
     From the laws of that fit, or from those of another one; `tie` is the disturbance as a share of
     the noise, of each state or of all.
     """
-    settings = data.settings
     free = np.ones(fit.coef[:, 0].shape, dtype=bool) if free is None else free
     tie = np.broadcast_to(np.asarray(tie, dtype=float), data.rows.n_states)
     coef, states, noise = fit.coef, None, fit.scale.mean(axis=0)
     if near is not None:
         coef, states, noise = near.coef, near.states, near.noise
-    problem = StateProblem(data, fit.lawful, free, np.maximum(noise, settings.least_noise), tie)
+    problem = StateProblem(data, fit.lawful, free, np.maximum(noise, SETTINGS.least_noise), tie)
     coef, states = np.where(free[:, None], coef, 0.0), problem.y if states is None else states
     trial = LawsAndStates(coef, problem.columns_of_coef >= 0, states)
-    found, _ = descended(trial, problem, settings.most_steps, _CLOSELY)
+    found, _ = descended(trial, problem, SETTINGS.most_steps, _CLOSELY)
     left = problem.left(found.coef, found.states, data.features(problem.columns(found.states)))
     noise = _noise(problem, found.states, left, tie)
     problem = StateProblem(data, fit.lawful, free, noise, tie)
@@ -239,7 +239,7 @@ def _noise(problem: StateProblem, states: Array, left: Array, tie: Array) -> Arr
     squares = np.square(problem.y - states).sum(axis=0) + np.square(left[known] / tie).sum(axis=0)
     n_free = int(problem.columns_of_coef.max()) + 1
     freedom = max(1.0, known.sum() - n_free / len(squares))
-    return np.maximum(np.sqrt(squares / freedom), problem.data.settings.least_noise)
+    return np.maximum(np.sqrt(squares / freedom), SETTINGS.least_noise)
 
 
 def _cost(problem: StateProblem, equations: StateEquations, fit: RowFit) -> float:

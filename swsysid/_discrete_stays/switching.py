@@ -20,6 +20,7 @@ from scipy.stats import norm
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.laws import Modes, slopes_of
 
@@ -40,7 +41,7 @@ class Switching:
     ) -> Switching:
         """Those of some guards, for columns in the units of the data."""
         told = tuple(one for one in guards if not one.reads_clocks)
-        return cls(n_modes, probability, told, data.column_unit, data.settings.doubt)
+        return cls(n_modes, probability, told, data.column_unit, SETTINGS.doubt)
 
     def nats(self, old: Modes, new: Modes, mean: Array, covariance: Array, u: Array) -> Array:
         """Of rows with known lagged states, each from one mode to another or the same."""

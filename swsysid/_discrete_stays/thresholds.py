@@ -18,6 +18,7 @@ from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._discrete_stays.rows import RowFit, as_fit, law_of, row_costs, scale_of, worth
+from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
 
 
@@ -54,7 +55,7 @@ class Thresholds:
         free = np.ones(coef[:, 0].shape, dtype=bool)
         scale = scale_of(problem, coef, modes, free.sum(axis=1))
         costs = row_costs(problem, coef, scale)
-        fit = as_fit(problem, coef, scale, problem.settings.switching, modes, costs)
+        fit = as_fit(problem, coef, scale, SETTINGS.switching, modes, costs)
         told = np.log(data.columns.shape[1]) + np.log(len(modes))  # half of this for a threshold
         cost = fit.cost - fit.of_switches + told + worth(problem, fit, free)
         return replace(fit, cost=float(cost), of_switches=float(told), guards=self.guards(data))
@@ -69,13 +70,13 @@ def best_thresholds(data: DiscreteData) -> list[Thresholds]:
 
 def _best_of(column: int, data: DiscreteData, sums: _Sums) -> tuple[float, Thresholds | None]:
     """Nats and thresholds of one column, on a grid that becomes finer where they are."""
-    settings, values = data.settings, data.columns[:, column]
-    grid = np.unique(np.quantile(values, np.linspace(0.0, 1.0, settings.levels + 2)[1:-1]))
+    values = data.columns[:, column]
+    grid = np.unique(np.quantile(values, np.linspace(0.0, 1.0, SETTINGS.levels + 2)[1:-1]))
     if len(grid) < 2:
         return np.inf, None
     low, high, width = grid, grid, float(np.diff(grid).max())
     best: tuple[float, Thresholds | None] = np.inf, None
-    for _ in range(settings.closer):
+    for _ in range(SETTINGS.closer):
         levels = np.array([(a, b) for a in low for b in high if a <= b])
         nats = sums.nats(_modes(data, values, levels))
         place = int(nats.argmin())
@@ -84,11 +85,11 @@ def _best_of(column: int, data: DiscreteData, sums: _Sums) -> tuple[float, Thres
             best = float(nats[place]), Thresholds(column, lower, upper, width)
         if best[1] is None:
             return best
-        around = width * np.linspace(-1.0, 1.0, settings.levels)
+        around = width * np.linspace(-1.0, 1.0, SETTINGS.levels)
         low, high = best[1].low + around, best[1].high + around
         if best[1].low == best[1].high:  # one threshold for both ways stays one
             high = low
-        width *= 2.0 / (settings.levels - 1.0)
+        width *= 2.0 / (SETTINGS.levels - 1.0)
     return best
 
 

@@ -5,7 +5,6 @@ from itertools import product
 import numpy as np
 
 from swsysid._discrete_stays.rows import RowProblem, alternate, assigned, worth
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.starts import LawPool
 from swsysid._stays.decoding import cheapest_modes
 
@@ -17,7 +16,7 @@ def doubled_and_halved(n=60, stay=6):
     features = np.random.default_rng(0).uniform(1.0, 2.0, (n, 1))
     modes = (np.arange(n) // stay) % 2
     targets = features * np.where(modes, 0.5, 2.0)[:, None]
-    return RowProblem(features, targets, np.arange(n) == 0, NOW, SETTINGS), modes
+    return RowProblem(features, targets, np.arange(n) == 0, NOW), modes
 
 
 def test_the_modes_of_least_cost_are_found_among_all():
@@ -64,7 +63,7 @@ def test_a_row_that_no_law_explains_is_told():
 
 
 def test_what_coefficients_are_worth_by_hand():
-    problem = RowProblem(np.full((9, 1), 1.0), np.zeros((9, 1)), np.arange(9) == 0, NOW, SETTINGS)
+    problem = RowProblem(np.full((9, 1), 1.0), np.zeros((9, 1)), np.arange(9) == 0, NOW)
     fit = assigned(problem, np.zeros((1, 1, 1)), np.full((1, 1), 0.5), 0.02)
     # one coefficient, nine rows of one, scale a half: log(1 + 9 / 0.25) / 2
     assert np.isclose(worth(problem, fit, np.ones((1, 1), dtype=bool)), 0.5 * np.log(37.0))

@@ -10,14 +10,13 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.rows import as_fit, fitted, row_costs, scale_of
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import LawsAndStates, StateProblem, with_states
 
 
 def with_true_modes(planted, lags, library=1):
     """The rows of a plant, and their fit by least squares in the true modes."""
     rows = lagged_rows(planted.recordings, lags)
-    data = DiscreteData.of(rows, FeatureMap(library, rows.columns, rows.names), SETTINGS)
+    data = DiscreteData.of(rows, FeatureMap(library, rows.columns, rows.names))
     modes = np.array(
         [planted.modes[r][k] for r, k in zip(rows.recording, rows.sample, strict=True)]
     )
