@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
+from swsysid._automaton.crossings import GuardWatch
 from swsysid._automaton.parts import AutomatonParts
 from swsysid._automaton.transitions import Transition
-from swsysid._automaton.watch import GuardWatch
 from swsysid._data.coordinates import Extent
 from swsysid._results import Array, Trajectory
 from swsysid._simulation.events import Piece

@@ -10,8 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.pipeline import FeatureUnion
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._automaton.first_modes import FirstModes
-from swsysid._automaton.parts import AutomatonParts
+from swsysid._automaton.parts import AutomatonParts, FirstModes
 from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._checks.arrays import numbers

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.equations import guard_text
-from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.transitions import PolynomialGuard, Transition
 from swsysid._automaton_search.certificates import Certificate
 from swsysid._automaton_search.found import FoundTransition, Told

@@ -19,7 +19,7 @@ from swsysid._automaton.transitions import AffineReset
 from swsysid._automaton_search.found import FoundReset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._stays.information import covariance_of
+from swsysid._stays.arrow import covariance_of
 
 
 def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp]) -> FoundReset:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
-from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import (

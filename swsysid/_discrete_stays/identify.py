@@ -31,7 +31,7 @@ from swsysid._discrete_stays.search import (
 from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
-from swsysid._stays.information import covariance_of
+from swsysid._stays.arrow import covariance_of
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,8 @@ from swsysid._discrete_stays.rows import (
     switching_of,
 )
 from swsysid._discrete_stays.settings import SETTINGS
-from swsysid._discrete_stays.starts import LawPool
+from swsysid._discrete_stays.starts import LawPool, best_thresholds
 from swsysid._discrete_stays.states import StateFit, with_states
-from swsysid._discrete_stays.thresholds import best_thresholds
 from swsysid._results import Array
 
 

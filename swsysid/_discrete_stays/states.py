@@ -28,9 +28,8 @@ from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import RowFit, nats_of_unexplained
 from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._stays.arrow import Arrow
+from swsysid._stays.arrow import Arrow, covariance_of
 from swsysid._stays.descent import descended
-from swsysid._stays.information import covariance_of
 from swsysid._stays.laws import slopes_of
 from swsysid._stays.settings import SETTINGS as STAYS
 

@@ -9,7 +9,7 @@ from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
-from swsysid._discrete_stays.thresholds import Thresholds, best_thresholds
+from swsysid._discrete_stays.starts import Thresholds, best_thresholds
 
 
 def data_of(recordings, lags=0):

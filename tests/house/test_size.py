@@ -18,16 +18,16 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
            for path in PACKAGE.rglob("*.py")}  # fmt: skip
 # Up to the next ten; `top` are the files beside the rooms.
 MOST_LINES = {
-    "_automaton": 2900,
+    "_automaton": 2870,
     "_automaton_search": 4610,
     "_checks": 600,
     "_cli": 4310,
     "_data": 2070,
     "datasets": 2530,
     "differentiation": 1580,
-    "_discrete_stays": 2170,
+    "_discrete_stays": 2150,
     "_displays": 1590,
-    "_effect_model": 2260,
+    "_effect_model": 2250,
     "_effect_search": 9330,
     "effects": 3780,
     "_free_rollouts": 850,
@@ -35,7 +35,7 @@ MOST_LINES = {
     "_losses": 760,
     "metrics": 720,
     "_output_error": 2140,
-    "refinement": 2000,
+    "refinement": 1990,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2380,
@@ -48,7 +48,7 @@ MOST_LINES = {
     "_tables": 1080,
     "top": 3380,
 }
-MOST_FILES = 378
+MOST_FILES = 370
 MOST_SETTINGS = 715
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
