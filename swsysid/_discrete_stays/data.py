@@ -12,8 +12,11 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.trajectories import spread
 from swsysid._discrete_stays.lagged import Labels, LaggedRows
 from swsysid._discrete_stays.rows import RowProblem
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
+
+# Rows in which starts are compared, in pieces of so many in a row.
+_MOST_SEARCHED, _PIECE = 4000, 200
+FARTHEST = 10.0  # of the largest state: one further off is given up
 
 
 @dataclass(frozen=True)
@@ -75,13 +78,13 @@ class DiscreteData:
     def part(self) -> DiscreteData:
         """Pieces of the recordings that are enough to compare laws, spread over all of them."""
         n = len(self.rows)
-        if n <= SETTINGS.most_searched:
+        if n <= _MOST_SEARCHED:
             return self
         place, stretch = self.problem.places
-        pieces = np.column_stack([stretch, place // SETTINGS.piece])
+        pieces = np.column_stack([stretch, place // _PIECE])
         piece = np.unique(pieces, axis=0, return_inverse=True)[1].ravel()
         n_pieces = int(piece.max()) + 1
-        count = max(1, SETTINGS.most_searched * n_pieces // n)
+        count = max(1, _MOST_SEARCHED * n_pieces // n)
         kept = np.linspace(0, n_pieces - 1, count).round().astype(int)
         return self.take(np.flatnonzero(np.isin(piece, kept)))
 

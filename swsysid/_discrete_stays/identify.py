@@ -28,10 +28,11 @@ from swsysid._discrete_stays.search import (
     StaySearch,
     lasting_only,
 )
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
 from swsysid._stays.arrow import covariance_of
+
+_AS_LIKELY = 2.0  # nats by which one kind of noise may be worse and be all: two deviations
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,8 @@ def identify_stays(
     library: object = None,
     n_modes: int | str = "auto",
     channels: Sequence[str] | None = None,
-    max_modes: int = SETTINGS.most_modes,
-    most_lags: int = SETTINGS.most_lags,
+    max_modes: int = 6,
+    most_lags: int = 4,
 ) -> DiscreteStays:
     """Laws and stays of recordings of a system that switches at samples.
 
@@ -257,12 +258,12 @@ class KindsOfNoise:
     @property
     def drives(self) -> bool:
         """Whether there is noise in the equation for sure."""
-        return self.sensor_alone > SETTINGS.as_likely
+        return self.sensor_alone > _AS_LIKELY
 
     @property
     def senses(self) -> bool:
         """Whether there is noise of the sensor for sure."""
-        return self.equation_alone > SETTINGS.as_likely
+        return self.equation_alone > _AS_LIKELY
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from swsysid._data.recordings import Record
-from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.data import FARTHEST, DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._discrete_stays.rows import (
+    UNEXPLAINED,
     RowFit,
     as_fit,
     assigned,
@@ -34,13 +35,17 @@ from swsysid._discrete_stays.rows import (
     scale_of,
     switching_of,
 )
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import StateFit
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief
 from swsysid._stays.laws import Laws, Modes, slopes_of
 from swsysid._stays.recordings import Recordings
+
+# Rows that are decoded side by side, those more to both sides in which a hypothesis settles, and
+# hypotheses of a piece.
+_DECODED, _OVERLAP, _N_KEPT = 60, 15, 4
+_DOUBT = 0.01  # probability that a row does what no guard says
 
 
 def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit, float]:
@@ -55,11 +60,11 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
         ends = inside & np.append((data.rows.begins | unexplained)[1:], True)
         first = np.flatnonzero(begins)
         recordings = _stretches(data, first, np.flatnonzero(ends) + 1)
-        side_by_side, pieces = recordings.cut(SETTINGS.decoded, SETTINGS.overlap)
+        side_by_side, pieces = recordings.cut(_DECODED, _OVERLAP)
         # the first row of a piece tells all lagged states, the others the newest
         side_by_side.y[1:, :, data.rows.n_states :] = np.nan
         maps = MapFilter.of(data, found, fit.switching, fit.guards, side_by_side.u)
-        decoded = decode(maps, side_by_side, price=0.0, n_kept=SETTINGS.n_kept)
+        decoded = decode(maps, side_by_side, price=0.0, n_kept=_N_KEPT)
         likelihood = float(decoded.log_likelihood.sum())
         found_modes = recordings.of_pieces(decoded.modes, pieces)
         modes[inside] = found_modes.T[recordings.steps.T > 0.0]
@@ -98,7 +103,7 @@ def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np
     left = found.states[found.back[rows, 0]] - features @ found.coef.transpose(0, 2, 1)
     by_noise = 0.5 * np.square(left / fit.scale[:, None]) + np.log(fit.scale)[:, None]
     nats[rows] = by_noise.sum(axis=2).min(axis=0)
-    return np.asarray(nats > -np.log(SETTINGS.unexplained))
+    return np.asarray(nats > -np.log(UNEXPLAINED))
 
 
 def _stretches(data: DiscreteData, first: Labels, end: Labels) -> Recordings:
@@ -137,7 +142,7 @@ class MapFilter:
         n, memory = data.rows.n_states, data.rows.lags + 1
         laws = Laws(found.coef, data.features, np.ones(n * memory), np.zeros_like(found.coef) > 0)
         disturbance = np.zeros(n * memory)
-        farthest = SETTINGS.farthest * float(np.abs(found.states).max())
+        farthest = FARTHEST * float(np.abs(found.states).max())
         disturbance[:n] = found.tie * found.noise
         switching = Switching.of(data, len(found.coef), probability, guards)
         return cls(laws, np.tile(found.noise, memory), disturbance, u, switching, farthest)
@@ -197,7 +202,7 @@ class Switching:
     ) -> Switching:
         """Those of some guards, for columns in the units of the data."""
         told = tuple(one for one in guards if not one.reads_clocks)
-        return cls(n_modes, probability, told, data.column_unit, SETTINGS.doubt)
+        return cls(n_modes, probability, told, data.column_unit, _DOUBT)
 
     def nats(self, old: Modes, new: Modes, mean: Array, covariance: Array, u: Array) -> Array:
         """Of rows with known lagged states, each from one mode to another or the same."""

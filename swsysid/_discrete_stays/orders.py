@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.data import FARTHEST, DiscreteData
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import fitted
 from swsysid._discrete_stays.search import Found, Searched
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
+
+# The share of a recording that is held out, samples after which a rollout begins anew, standard
+# errors by which a longer memory must be better, and the error of a rollout that is rounding.
+_HELD_OUT, _HORIZON, _STANDARD_ERRORS, _EXACT = 0.3, 40, 2.0, 1e-8
 
 
 @dataclass(frozen=True)
@@ -37,15 +40,15 @@ class HeldOut:
         rows = data.rows
         last = np.zeros(int(rows.recording.max()) + 1, dtype=np.intp)
         np.maximum.at(last, rows.recording, rows.sample)
-        border = np.maximum((1.0 - SETTINGS.held_out) * last, first_sample).astype(np.intp)
-        counts = (last - border).clip(0) // SETTINGS.horizon + 1
+        border = np.maximum((1.0 - _HELD_OUT) * last, first_sample).astype(np.intp)
+        counts = (last - border).clip(0) // _HORIZON + 1
         offsets = np.cumsum(counts) - counts
         along = rows.sample - border[rows.recording]
         self.data, self.found, self.n_stretches = data, found, int(counts.sum())
         self.seen, self.held = np.flatnonzero(along < 0), np.flatnonzero(along >= 0)
         # stretches are of the same samples whatever the lags are
-        self.stretch = (offsets[rows.recording] + along // SETTINGS.horizon)[self.held]
-        self.place = (along % SETTINGS.horizon)[self.held]
+        self.stretch = (offsets[rows.recording] + along // _HORIZON)[self.held]
+        self.place = (along % _HORIZON)[self.held]
 
     def errors(self, free: NDArray[np.bool_]) -> Array:
         """Mean square of every stretch by laws with the features `free`; NaN where it has no row.
@@ -62,7 +65,7 @@ class HeldOut:
         data, held, n = self.data, self.held, self.data.rows.n_states
         modes, targets = self.found.fit.lawful[held], data.problem.targets[held]
         known, inputs = self.found.lagged_states(data)[held], data.columns[held][:, data.n_lagged :]
-        farthest = SETTINGS.farthest * float(np.abs(targets).max(initial=1.0))
+        farthest = FARTHEST * float(np.abs(targets).max(initial=1.0))
         begins = (data.rows.begins | np.append(True, self.found.fit.unexplained[:-1]))[held]
         begins |= self.place == 0
         states = np.zeros((self.n_stretches, data.n_lagged))
@@ -135,5 +138,5 @@ def _as_good(errors: Array, best: Array) -> bool:
     common = np.isfinite(errors) & np.isfinite(best)
     excess = (errors - best)[common]
     chance = excess.std(ddof=1) / np.sqrt(len(excess)) if len(excess) > 1 else 0.0
-    exact = np.square(SETTINGS.exact_rollout)
-    return bool(excess.mean() <= max(SETTINGS.standard_errors * chance, exact))
+    exact = np.square(_EXACT)
+    return bool(excess.mean() <= max(_STANDARD_ERRORS * chance, exact))

@@ -21,10 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.lagged import KnownGuard, Labels
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._stays.decoding import cheapest_modes
+
+# Of a value: what rounding leaves undecided; of a feature: by which it differs from combinations of
+# others.
+_ROUNDING, _DEPENDENT = 1e-14, 1e-11
+# Probability beforehand of a row that no law explains, and of a switch.
+UNEXPLAINED, SWITCHING = 1e-3, 0.02
+# Alternation: by how much a scale may shrink at once, what it keeps at the end, most rounds.
+_SHRINKS, _SETTLED, _MOST_ROUNDS = 0.1, 0.99, 40
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ class RowProblem:
     @cached_property
     def floor(self) -> Array:
         """Residuals that rounding leaves, (n_states,)."""
-        return SETTINGS.rounding * np.sqrt(np.square(self.targets).mean(axis=0)).clip(1.0)
+        return _ROUNDING * np.sqrt(np.square(self.targets).mean(axis=0)).clip(1.0)
 
     @cached_property
     def places(self) -> tuple[Labels, Labels]:
@@ -84,16 +91,16 @@ def alternate(problem: RowProblem, coef: Array, free: NDArray[np.bool_] | None =
     """Modes and laws in turn until the modes stay; `free` (n_modes, n_features) are in a law."""
     free = np.ones(coef[:, 0].shape, dtype=bool) if free is None else free
     scale = _first_scale(problem, coef)
-    switching, modes, history = SETTINGS.switching, None, []
-    for _ in range(SETTINGS.most_rounds):
+    switching, modes, history = SWITCHING, None, []
+    for _ in range(_MOST_ROUNDS):
         fit = assigned(problem, coef, scale, switching)
         history.append(fit.cost)
         same = modes is not None and np.array_equal(modes, fit.lawful)
         modes = fit.lawful
         coef = fitted(problem, modes, coef, free)
         reached = scale_of(problem, coef, modes, free.sum(axis=1))
-        settled = same and (reached >= SETTINGS.settled * scale).all()
-        scale = reached if same else np.maximum(reached, SETTINGS.shrinks * scale)
+        settled = same and (reached >= _SETTLED * scale).all()
+        scale = reached if same else np.maximum(reached, _SHRINKS * scale)
         switching = switching_of(modes, problem)
         if settled:
             break
@@ -128,16 +135,21 @@ def scale_of(problem: RowProblem, coef: Array, modes: Labels, n_free: int | NDAr
 def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -> RowFit:
     """The most likely modes for given laws."""
     costs = row_costs(problem, coef, scale)
-    price = SETTINGS.price(len(coef), switching)
+    price = _price(len(coef), switching)
     modes = cheapest_modes(costs, problem.begins, price)
     return as_fit(problem, coef, scale, switching, modes, costs)
+
+
+def _price(n_modes: int, switching: float) -> float:
+    """Nats that a switch takes."""
+    return max(0.0, float(np.log((1.0 - switching) / switching * max(1, n_modes - 1))))
 
 
 def row_costs(problem: RowProblem, coef: Array, scale: Array) -> Array:
     """Nats of every row in every mode, at most those of a row that no law explains."""
     squares = np.square(problem.residuals(coef) / scale[:, None]).sum(axis=2)
     costs = (0.5 * squares + np.log(scale).sum(axis=1)[:, None]).T
-    return np.minimum(costs, -np.log(SETTINGS.unexplained))
+    return np.minimum(costs, -np.log(UNEXPLAINED))
 
 
 def as_fit(
@@ -146,9 +158,9 @@ def as_fit(
     """Laws and modes with what they are worth."""
     own = costs[np.arange(len(modes)), modes]
     n_switches = int(np.count_nonzero((np.diff(modes) != 0) & ~problem.begins[1:]))
-    price = SETTINGS.price(len(coef), switching)
+    price = _price(len(coef), switching)
     of_switches = float(price * n_switches - len(modes) * np.log1p(-switching))
-    unexplained = own >= -np.log(SETTINGS.unexplained)
+    unexplained = own >= -np.log(UNEXPLAINED)
     cost = float(own[~unexplained].sum()) + nats_of_unexplained(unexplained) + of_switches
     return RowFit(coef, modes, unexplained, scale, switching, cost, of_switches)
 
@@ -195,7 +207,7 @@ def _independent(
         return ordered
     own = np.abs(np.diag(np.linalg.qr(features[:, ordered], mode="r")))
     size = np.linalg.norm(features[:, ordered], axis=0)
-    return ordered[own > SETTINGS.dependent * size]
+    return ordered[own > _DEPENDENT * size]
 
 
 def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:

@@ -21,10 +21,24 @@ from swsysid._discrete_stays.rows import (
     scale_of,
     switching_of,
 )
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._discrete_stays.starts import LawPool, best_thresholds
 from swsysid._discrete_stays.states import StateFit, with_states
 from swsysid._results import Array
+
+# Residuals below this come from arithmetic, and laws of highest likelihood in all states would only
+# add to it.
+_EXACT = 1e-11
+_THRESHOLDS = 3  # columns whose thresholds are a start
+# Share of the stays of a mode that are as short as a jump, and how many times as much as the best
+# law the one of all rows that straddle a jump leaves.
+_MOMENTARY, _ROUGH = 0.95, 3.0
+# The disturbance of the states as a share of the noise, smaller and smaller, since wrong modes
+# disturb them too, in two stages.
+_STAGES = (1.0, 1.0, 1.0, 0.3, 0.1), (0.03, 0.01, 0.01, 0.01, 0.01, 0.01)
+# Nats a row by which a number of modes is so much worse than the best one that it is not judged any
+# more, before each stage; and by which modes are so much worse that the best ones are taken again.
+_HOPELESS, _WORSE = (0.5, 0.1), 0.03
+_PATIENCE = 2  # numbers of modes that are tried after the best one
 
 
 @dataclass(frozen=True)
@@ -80,7 +94,7 @@ class StaySearch:
     def __init__(self, data: DiscreteData, max_modes: int):
         self.data, self.part, self.max_modes = data, data.part(), max_modes
         self.pool = LawPool(self.part.problem)
-        few = best_thresholds(self.part)[: SETTINGS.thresholds]
+        few = best_thresholds(self.part)[:_THRESHOLDS]
         told = [thresholds.fit(self.part) for thresholds in few]
         self.told = [fit for fit in told if _lasting(self.part, fit).all()]
 
@@ -92,8 +106,8 @@ class StaySearch:
             by_rows = [fit for fit in by_rows if len(fit.coef) == most]
         found = [Found(fit, None, fit.history) for fit in by_rows]
         if not any(_is_exact(fit) for fit in by_rows):
-            for turn, ties in enumerate(SETTINGS.stages):
-                hopeful = self._hopeful(found, SETTINGS.hopeless[turn])
+            for turn, ties in enumerate(_STAGES):
+                hopeful = self._hopeful(found, _HOPELESS[turn])
                 again = [with_noise(self.part, one, ties) for one in hopeful]
                 found = _best_of_each(lasting_only(self.part, one) for one in again)
             found = [with_both_noises(self.part, one) for one in found]
@@ -121,7 +135,7 @@ class StaySearch:
         best: dict[int, RowFit] = {}
         last: RowFit | None = None
         in_vain = 0
-        most = self.max_modes if n_modes is None else n_modes + SETTINGS.patience
+        most = self.max_modes if n_modes is None else n_modes + _PATIENCE
         for count in range(1, most + 1):
             last = self._alternated(count, last)
             lasting = without_momentary(self.part, last)
@@ -132,7 +146,7 @@ class StaySearch:
             if n_modes is not None and n_lasting >= n_modes:
                 break
             in_vain = 0 if lasting.cost < before else in_vain + 1
-            if n_modes is None and in_vain > SETTINGS.patience:
+            if n_modes is None and in_vain > _PATIENCE:
                 break
         allowed = self.max_modes if n_modes is None else n_modes
         return [*best.values(), *(fit for fit in self.told if len(fit.coef) <= allowed)]
@@ -194,7 +208,7 @@ def _lasting(data: DiscreteData, fit: RowFit) -> NDArray[np.bool_]:
     length, of_stays = np.diff(np.append(first, len(modes))), modes[first]
     longest = np.where(_is_rough(fit), data.rows.lags + 1, 1)
     return np.array([
-        np.mean(length[own] <= longest[mode]) < SETTINGS.momentary
+        np.mean(length[own] <= longest[mode]) < _MOMENTARY
         and length[own].sum() > data.problem.features.shape[1]
         if (own := of_stays == mode).any() else False
         for mode in range(len(fit.coef))
@@ -204,7 +218,7 @@ def _lasting(data: DiscreteData, fit: RowFit) -> NDArray[np.bool_]:
 def _is_rough(fit: RowFit) -> NDArray[np.bool_]:
     """Modes whose law leaves more than that of the others."""
     size = np.linalg.norm(fit.scale, axis=1)
-    return np.asarray(size > SETTINGS.rough * size.min())
+    return np.asarray(size > _ROUGH * size.min())
 
 
 def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) -> Found:
@@ -226,7 +240,7 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) 
         fit, _ = reassigned(data, now.fit, states)
         left = tie if np.array_equal(now.fit.lawful, fit.lawful) else None
         now = Found(fit, states, ())
-        if states.cost > best.cost + SETTINGS.worse * len(data.rows):
+        if states.cost > best.cost + _WORSE * len(data.rows):
             now, left = best, tie
     return replace(best, history=tuple(history))
 
@@ -261,7 +275,7 @@ def lasting_only(data: DiscreteData, found: Found) -> Found:
 
 
 def _is_exact(fit: RowFit) -> bool:
-    return bool((fit.scale < SETTINGS.exact).all())
+    return bool((fit.scale < _EXACT).all())
 
 
 def _best_of_each(found: Iterable[Found]) -> list[Found]:

@@ -20,6 +20,7 @@ from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._discrete_stays.rows import (
+    SWITCHING,
     RowFit,
     RowProblem,
     as_fit,
@@ -28,8 +29,19 @@ from swsysid._discrete_stays.rows import (
     scale_of,
     worth,
 )
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
+
+# Laws of windows of so many rows for each feature and a few to spare, and of the shortest ones in
+# so many parts; so many windows of each length are tried and the best of neighbours kept (in parts
+# a few in a hundred are in one mode); singular values below this share say nothing.
+_WINDOW_FACTORS, _SPARE, _WINDOW_PARTS = (1.0, 2.0, 4.0, 8.0), 2, (2, 3, 4)
+_TRIED, _TRIED_IN_PARTS, _WINDOWS = 400, 2000, 40
+_RANK = 1e-10
+_BLOCK = 3  # rows whose squares are averaged where starts are judged
+_SHARE = 0.1  # of the rows, which a law should at least explain
+_REWEIGHTINGS = 6
+# Thresholds that are tried in a column, and how often finer ones around the best.
+_LEVELS, _CLOSER = 9, 5
 
 
 class LawPool:
@@ -95,17 +107,17 @@ def _of_windows(problem: RowProblem) -> Array:
     """
     n_features = problem.features.shape[1]
     laws = [np.linalg.lstsq(problem.features, problem.targets, rcond=None)[0].T[None]]
-    lengths = [int(factor * n_features) + SETTINGS.spare for factor in SETTINGS.window_factors]
+    lengths = [int(factor * n_features) + _SPARE for factor in _WINDOW_FACTORS]
     for n_parts, length in [(1, length) for length in lengths] + [
-        (n_parts, -(-lengths[0] // n_parts)) for n_parts in SETTINGS.window_parts
+        (n_parts, -(-lengths[0] // n_parts)) for n_parts in _WINDOW_PARTS
     ]:
         rows = _windows(problem, n_parts, length)
         if not len(rows):
             continue
         features, targets = problem.features[rows], problem.targets[rows]
-        of_windows = np.linalg.pinv(features, rcond=SETTINGS.rank) @ targets
+        of_windows = np.linalg.pinv(features, rcond=_RANK) @ targets
         squares = np.square(targets - features @ of_windows).sum(axis=(1, 2))
-        groups = np.array_split(np.arange(len(rows)), min(SETTINGS.windows, len(rows)))
+        groups = np.array_split(np.arange(len(rows)), min(_WINDOWS, len(rows)))
         best = [group[squares[group].argmin()] for group in groups]
         laws.append(of_windows[best].transpose(0, 2, 1))
     return np.concatenate(laws)
@@ -121,7 +133,7 @@ def _windows(problem: RowProblem, n_parts: int, length: int) -> NDArray[np.intp]
     firsts = np.flatnonzero(left >= length)
     if not len(firsts):
         return np.zeros((0, 0), dtype=np.intp)
-    most = SETTINGS.tried if n_parts == 1 else SETTINGS.tried_in_parts
+    most = _TRIED if n_parts == 1 else _TRIED_IN_PARTS
     tried = np.unique(np.linspace(0, len(firsts) - 1, most).round().astype(int))
     others = np.random.default_rng(0).integers(len(firsts), size=(len(tried), n_parts - 1))
     begins = firsts[np.column_stack([tried, others])]
@@ -135,9 +147,9 @@ def _refined(problem: RowProblem, coef: Array) -> Array:
     products = (features[:, :, None] * features[:, None, :]).reshape(len(features), -1)
     mixed = (features[:, :, None] * problem.targets[:, None, :]).reshape(len(features), -1)
     hold = 1e-12 * np.eye(n_features)
-    for _ in range(SETTINGS.reweightings):
+    for _ in range(_REWEIGHTINGS):
         squares = _block_squares(problem, coef)
-        least = np.quantile(squares, SETTINGS.share, axis=1)[:, None]
+        least = np.quantile(squares, _SHARE, axis=1)[:, None]
         weight = 1.0 / (squares + least + np.square(problem.floor).sum())
         weight /= weight.sum(axis=1)[:, None]
         matrix = (weight @ products).reshape(-1, n_features, n_features) + hold
@@ -150,7 +162,7 @@ def _block_squares(problem: RowProblem, coef: Array) -> Array:
     """Squared residuals of laws, averaged over a few successive rows, (n_laws, n_rows)."""
     squares = np.square(problem.residuals(coef)).sum(axis=2)
     sums = np.cumsum(np.pad(squares, ((0, 0), (1, 0))), axis=1)
-    n, half = squares.shape[1], SETTINGS.block // 2
+    n, half = squares.shape[1], _BLOCK // 2
     rows = np.arange(n)
     first, last = np.maximum(rows - half, 0), np.minimum(rows + half + 1, n)
     return (sums[:, last] - sums[:, first]).clip(0.0) / (last - first)
@@ -189,7 +201,7 @@ class Thresholds:
         free = np.ones(coef[:, 0].shape, dtype=bool)
         scale = scale_of(problem, coef, modes, free.sum(axis=1))
         costs = row_costs(problem, coef, scale)
-        fit = as_fit(problem, coef, scale, SETTINGS.switching, modes, costs)
+        fit = as_fit(problem, coef, scale, SWITCHING, modes, costs)
         told = np.log(data.columns.shape[1]) + np.log(len(modes))  # half of this for a threshold
         cost = fit.cost - fit.of_switches + told + worth(problem, fit, free)
         return replace(fit, cost=float(cost), of_switches=float(told), guards=self.guards(data))
@@ -205,12 +217,12 @@ def best_thresholds(data: DiscreteData) -> list[Thresholds]:
 def _best_of(column: int, data: DiscreteData, sums: _Sums) -> tuple[float, Thresholds | None]:
     """Nats and thresholds of one column, on a grid that becomes finer where they are."""
     values = data.columns[:, column]
-    grid = np.unique(np.quantile(values, np.linspace(0.0, 1.0, SETTINGS.levels + 2)[1:-1]))
+    grid = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _LEVELS + 2)[1:-1]))
     if len(grid) < 2:
         return np.inf, None
     low, high, width = grid, grid, float(np.diff(grid).max())
     best: tuple[float, Thresholds | None] = np.inf, None
-    for _ in range(SETTINGS.closer):
+    for _ in range(_CLOSER):
         levels = np.array([(a, b) for a in low for b in high if a <= b])
         nats = sums.nats(_modes(data, values, levels))
         place = int(nats.argmin())
@@ -219,11 +231,11 @@ def _best_of(column: int, data: DiscreteData, sums: _Sums) -> tuple[float, Thres
             best = float(nats[place]), Thresholds(column, lower, upper, width)
         if best[1] is None:
             return best
-        around = width * np.linspace(-1.0, 1.0, SETTINGS.levels)
+        around = width * np.linspace(-1.0, 1.0, _LEVELS)
         low, high = best[1].low + around, best[1].high + around
         if best[1].low == best[1].high:  # one threshold for both ways stays one
             high = low
-        width *= 2.0 / (SETTINGS.levels - 1.0)
+        width *= 2.0 / (_LEVELS - 1.0)
     return best
 
 

@@ -26,12 +26,13 @@ from scipy.linalg import LinAlgError
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import RowFit, nats_of_unexplained
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.arrow import Arrow, covariance_of
 from swsysid._stays.descent import descended
 from swsysid._stays.laws import slopes_of
 from swsysid._stays.settings import SETTINGS as STAYS
+
+_MOST_STEPS, _LEAST_NOISE = 10, 1e-7
 
 # Profiles over the ratio of both noises compare tenths of a nat (`noises`).
 _CLOSELY = replace(STAYS, converged=1e-6)
@@ -221,10 +222,10 @@ def with_states(
     coef, states, noise = fit.coef, None, fit.scale.mean(axis=0)
     if near is not None:
         coef, states, noise = near.coef, near.states, near.noise
-    problem = StateProblem(data, fit.lawful, free, np.maximum(noise, SETTINGS.least_noise), tie)
+    problem = StateProblem(data, fit.lawful, free, np.maximum(noise, _LEAST_NOISE), tie)
     coef, states = np.where(free[:, None], coef, 0.0), problem.y if states is None else states
     trial = LawsAndStates(coef, problem.columns_of_coef >= 0, states)
-    found, _ = descended(trial, problem, SETTINGS.most_steps, _CLOSELY)
+    found, _ = descended(trial, problem, _MOST_STEPS, _CLOSELY)
     left = problem.left(found.coef, found.states, data.features(problem.columns(found.states)))
     noise = _noise(problem, found.states, left, tie)
     problem = StateProblem(data, fit.lawful, free, noise, tie)
@@ -238,7 +239,7 @@ def _noise(problem: StateProblem, states: Array, left: Array, tie: Array) -> Arr
     squares = np.square(problem.y - states).sum(axis=0) + np.square(left[known] / tie).sum(axis=0)
     n_free = int(problem.columns_of_coef.max()) + 1
     freedom = max(1.0, known.sum() - n_free / len(squares))
-    return np.maximum(np.sqrt(squares / freedom), SETTINGS.least_noise)
+    return np.maximum(np.sqrt(squares / freedom), _LEAST_NOISE)
 
 
 def _cost(problem: StateProblem, equations: StateEquations, fit: RowFit) -> float:
