@@ -45,6 +45,11 @@ from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
 
+# What most recordings may leave, in units of the noise, where laws are believed; how many samples a
+# cut moves at most; squares of one that is lost.
+_MOST_USUAL_EXCESS = 2.0
+_FARTHEST_PLACE, _LOST = 10, 1e4
+
 
 @dataclass(frozen=True)
 class Pieced:
@@ -137,7 +142,7 @@ class Cutting:
     def _further(self, now: Cut) -> Cut | None:
         """With the jumps that its own laws see, if that is better."""
         usual = now.search.usual_excess(now.stays)
-        if usual > SETTINGS.most_usual_excess:  # laws say nothing yet
+        if usual > _MOST_USUAL_EXCESS:  # laws say nothing yet
             return None
         more = hidden_jumps(now.stays, now.pieces, len(now.jumps), self.settings)
         jumps = [np.union1d(*both).astype(np.intp) for both in zip(now.jumps, more, strict=True)]
@@ -233,8 +238,8 @@ def _better_place(
     after: int,
 ) -> int:
     """The sample of one recording after which it jumps; its neighbours stay where they are."""
-    first = _reach(modes, cut, max(before + 1, cut - SETTINGS.farthest_place), -1)
-    last = _reach(modes, cut + 1, min(after, cut + 1 + SETTINGS.farthest_place), 1)
+    first = _reach(modes, cut, max(before + 1, cut - _FARTHEST_PLACE), -1)
+    last = _reach(modes, cut + 1, min(after, cut + 1 + _FARTHEST_PLACE), 1)
     samples = np.arange(first, last + 1)
     if min(modes[cut], modes[cut + 1]) < 0 or len(samples) < SETTINGS.fewest_of_a_stay:
         return cut
@@ -248,8 +253,8 @@ def _better_place(
 
 def _squares(y: Array, path: Array, noise: Array) -> Array:
     """Of each sample the squares by which a path misses it; none of what was not measured."""
-    missed = np.where(np.isfinite(path), np.square((y - path) / noise), SETTINGS.lost)
-    return np.asarray(np.where(np.isfinite(y), missed, 0.0).sum(axis=1).clip(max=SETTINGS.lost))
+    missed = np.where(np.isfinite(path), np.square((y - path) / noise), _LOST)
+    return np.asarray(np.where(np.isfinite(y), missed, 0.0).sum(axis=1).clip(max=_LOST))
 
 
 def _reach(modes: NDArray[np.intp], start: int, end: int, step: int) -> int:

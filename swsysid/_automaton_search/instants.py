@@ -29,6 +29,12 @@ from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._ties import least_of
 
+# Turns; times between two samples; parts of these once an instant is known nearly, and where
+# nothing but the guard tells it; intervals by which a guard is missed anyway.
+_TURNS_OF_INSTANTS, _GRID = 30, 33
+_CLOSER, _NEARBY = (0.1, 0.01), 0.5
+_MISSED = 0.01
+
 
 @dataclass(frozen=True)
 class Known:
@@ -111,7 +117,7 @@ class _Flows:
             switches.known[:, 0],
             switches.known[:, 1] - part * possible,
         )
-        times = first + np.linspace(0.0, part, SETTINGS.grid)[:, None] * possible
+        times = first + np.linspace(0.0, part, _GRID)[:, None] * possible
         every = switches.take(np.tile(np.arange(len(switches)), len(times))).moved(times.ravel())
         columns, after = every.before(laws)[0], every.after(laws)
         return cls(
@@ -190,12 +196,12 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
     """Instants, guard and reset in turns, some components of the state held to go on."""
     n_states, laws = len(known.noise), known.laws
     switches = flows.where(held, known)
-    for part in SETTINGS.closer:
+    for part in _CLOSER:
         flows = _Flows.of(switches, laws, part)
         switches = flows.where(held, known)
     found = Settled(switches, None, None, np.inf)
     some: NDArray[np.intp] | None = None  # columns of the guard; all are asked at first and last
-    for _ in range(SETTINGS.turns_of_instants):
+    for _ in range(_TURNS_OF_INSTANTS):
         columns, _ = switches.before(laws)
         reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors, held)
         guard = known.guard(switches, some)
@@ -204,7 +210,7 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
         if cost < found.cost:
             found = trial
         if not len(held):
-            flows = _Flows.of(switches, laws, SETTINGS.nearby)
+            flows = _Flows.of(switches, laws, _NEARBY)
         moved = flows.agreeing(trial, held, known)
         at_rest = np.abs(moved.times - switches.times).max() < SETTINGS.instant * known.interval
         if at_rest and some is None:
@@ -217,5 +223,5 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
 def _cost_of(guard: FoundGuard, switches: Switches, known: Known) -> float:
     """The logarithm of what the instants miss the guard by, no less than by errors of states."""
     blurred = np.nanmedian(blurred_by(guard.guard, *switches.before(known.laws), known.errors))
-    missed = max(guard.usual_miss, float(blurred), SETTINGS.missed * known.interval)
+    missed = max(guard.usual_miss, float(blurred), _MISSED * known.interval)
     return float(np.isfinite(guard.misses).sum() * np.log(missed / known.interval))

@@ -34,6 +34,8 @@ from swsysid._stays.resets import Resets
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
 
+_WORSE = 0.05  # part by which rollouts of the recordings may be worse by chance
+
 
 def refined(
     given: Given,
@@ -58,7 +60,7 @@ def refined(
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
     rolled_after = free.misfit(noise)
     likely = joint.value_after <= joint.value_before + settings.converged
-    kept = likely and rolled_after <= (1.0 + SETTINGS.worse) * rolled_before
+    kept = likely and rolled_after <= (1.0 + _WORSE) * rolled_before
     told = _judged_by_rollouts(told, free, joint, interval)
     after = assembled(told, feature_map, interval)
     return (told if kept else parts), AutomatonRefinement(

@@ -16,6 +16,8 @@ from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._rendering.printing import counted
 from swsysid._results import Array
 
+_MOST_UNEXPLAINED = 0.05  # samples that follow no law
+
 
 @dataclass(frozen=True, repr=False)
 class AutomatonReport:
@@ -71,7 +73,7 @@ class AutomatonReport:
                 "try a larger library or more modes."
             )
         unexplained = found.n_unexplained / len(modes)
-        if unexplained > SETTINGS.most_unexplained:
+        if unexplained > _MOST_UNEXPLAINED:
             untold.append(
                 f"{unexplained:.0%} of the samples follow none of the laws: a term or a mode "
                 "is missing, or stays are too short to tell theirs; try a larger library, give "

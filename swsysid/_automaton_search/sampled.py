@@ -45,6 +45,10 @@ from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._results import Array
 from swsysid._stays.given import Given
 
+# Turns of modes and guards; of a spread, what is counted as exact.
+_TURNS_OF_MODES = 6
+_LEAST_NOISE = 1e-6
+
 Pair = tuple[int, int]
 
 
@@ -156,7 +160,7 @@ def _agreeing(rows: ModeRows, degree: int) -> tuple[ModeRows, list[FoundTransiti
     """Modes and guards in turn, until modes stay or are no likelier than before."""
     found = transitions_of(rows, degree)
     before = -np.inf
-    for turn in range(SETTINGS.turns_of_modes):
+    for turn in range(_TURNS_OF_MODES):
         guards = [
             KnownGuard(one.source, one.target, one.guard.guard, 1.0 / (len(one) + 1.0))
             for one in found
@@ -215,7 +219,7 @@ def _reset(taken: Taken, rows: ModeRows) -> FoundReset | None:
     if taken.jumped.mean() <= 0.5:
         return None
     n_states = rows.stays.rows.n_states
-    least = SETTINGS.least_noise * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
+    least = _LEAST_NOISE * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
     errors = SETTINGS.end_of_stay * np.maximum(rows.stays.noise, least)
     none = np.zeros(0, dtype=np.intp)
     return best_reset(taken.given[:, :n_states], taken.after, errors, none)

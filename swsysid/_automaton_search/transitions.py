@@ -14,7 +14,6 @@ import numpy as np
 
 from swsysid._automaton_search.guards import GuardTerms, missed_by, surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
-from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
@@ -22,6 +21,10 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.pieces import Pieces
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
+
+# How often a transition is taken for each time of one that it forestalls, and intervals before
+# which its guard is about to be passed.
+_MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 
 
 def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
@@ -121,10 +124,10 @@ def _forestalling(
     """The transition whose guard has been passed at most switches of another, nearly."""
     for often in found:
         same = often.pair[0] == rare.pair[0]
-        more = len(often.switches) >= SETTINGS.more_often * len(rare.switches)
+        more = len(often.switches) >= _MORE_OFTEN * len(rare.switches)
         if same and more and often.guard is not None and often.guard.tells(interval):
             passed = missed_by(often.guard.guard, *rare.switches.before(laws))
             known = passed[np.isfinite(passed)]
-            if len(known) and np.mean(known > -SETTINGS.about_to * interval) > 0.5:
+            if len(known) and np.mean(known > -_ABOUT_TO * interval) > 0.5:
                 return often
     return None

@@ -19,7 +19,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # Up to the next ten; `top` are the files beside the rooms.
 MOST_LINES = {
     "_automaton": 2870,
-    "_automaton_search": 4610,
+    "_automaton_search": 4600,
     "_checks": 600,
     "_cli": 4310,
     "_data": 2070,
@@ -49,7 +49,7 @@ MOST_LINES = {
     "top": 3380,
 }
 MOST_FILES = 369
-MOST_SETTINGS = 669
+MOST_SETTINGS = 634
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
 
