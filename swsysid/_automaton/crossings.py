@@ -18,11 +18,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.optimize import brentq
 
-from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import PolynomialGuard, Transition
 from swsysid._results import Array
 from swsysid._simulation.events import Piece, last_and_next
 from swsysid._simulation.inputs import Signal
+
+# Rounding: a value is zero within so many roundings of the terms it is made of, and of the
+# states and times at which it was taken.
+_ROUNDINGS = 8.0
+# Crossings: roots of a guard so close to the real line, in halves of a step, are looked at:
+# a double root comes out as a pair apart by the square root of rounding.
+_CLOSE_PAIR = 1e-6
 
 
 @dataclass
@@ -113,12 +119,12 @@ def _chebyshev_points(degree: int) -> tuple[Array, Array]:
 
 def _roots_within(coef: Array) -> Array:
     """Real roots in [-1, 1] of a Chebyshev series, close pairs that rounding made complex too."""
-    small = SETTINGS.roundings * np.finfo(float).eps * np.abs(coef).max()
+    small = _ROUNDINGS * np.finfo(float).eps * np.abs(coef).max()
     kept = np.trim_zeros(np.where(np.abs(coef) > small, coef, 0.0), "b")
     if len(kept) < 2:
         return np.empty(0)
     roots = chebyshev.chebroots(kept)
-    near = (np.abs(roots.imag) < SETTINGS.close_pair) & (np.abs(roots.real) < 1.0)
+    near = (np.abs(roots.imag) < _CLOSE_PAIR) & (np.abs(roots.real) < 1.0)
     return np.sort(roots.real[near])
 
 
@@ -160,7 +166,7 @@ class GuardWatch:
         rates = np.concatenate([after, inputs, (1.0, 1.0)])
         speeds = np.maximum(np.abs(before), np.abs(after))
         errors = self._errors(columns, x, time, speeds)
-        unit = SETTINGS.roundings * np.finfo(float).eps
+        unit = _ROUNDINGS * np.finfo(float).eps
         self.watched = []
         for transition in self.transitions:
             if transition.source != mode:
@@ -195,7 +201,7 @@ class GuardWatch:
 
     def _errors(self, columns: Array, x: Array, time: float, speeds: Array) -> Array:
         """Rounding of the columns of guards at an instant that was located to the last digit."""
-        unit, instant = SETTINGS.roundings * np.finfo(float).eps, 4.0 * np.spacing(abs(time))
+        unit, instant = _ROUNDINGS * np.finfo(float).eps, 4.0 * np.spacing(abs(time))
         errors = unit * np.abs(columns)
         errors[: len(x)] = unit * np.maximum(self.sizes, np.abs(x)) + instant * speeds
         errors[-2:] = instant

@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
-from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import Transition, check_transition
 from swsysid._checks.parameters import flag, whole
 from swsysid._data.coordinates import Extent
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._simulation.system import Laws
+
+# Past rows that a law may see: more is a slip of the hand.
+_MOST_LAGS = 1000
 
 
 class RunningMap(Laws, Protocol):
@@ -135,7 +137,7 @@ class AutomatonParts:
 def check_lags(discrete_time: bool, lags: int) -> None:
     """Refuse past rows in continuous time, and more of them than anyone can use."""
     flag("discrete_time", discrete_time)
-    whole("lags", lags, least=0, most=SETTINGS.most_lags if discrete_time else 0)
+    whole("lags", lags, least=0, most=_MOST_LAGS if discrete_time else 0)
 
 
 def _without_row(names: list[str]) -> list[str]:

@@ -23,6 +23,8 @@ from swsysid._stays.settings import LIMITS
 from swsysid._ties import first_least
 from swsysid.refinement._rollout_score import determination
 
+_TURNS_OF_STARTS = 10
+
 
 def judged(
     automaton: HybridAutomaton,
@@ -166,7 +168,7 @@ def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array,
         lambda moves: misfit(start(moves)),
         np.ones(len(unit)),
         diff_step=LIMITS.difference,
-        max_nfev=LIMITS.turns_of_starts,
+        max_nfev=_TURNS_OF_STARTS,
     )
     return start(found.x), float(found.cost)
 

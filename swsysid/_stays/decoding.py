@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.filtering import Belief, Filter, corrected, first_belief
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.settings import LIMITS
+
+_DIVERGED_NATS = -1e6  # log likelihood of a sample that has none, since its rollout diverges
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class _Beam:
         ahead, gained = filter_.ahead(k, self.belief, self.modes)
         belief, seen = corrected(ahead, y, filter_.noise)
         gained = gained + seen
-        gained[np.isnan(gained)] = LIMITS.diverged_nats
+        gained[np.isnan(gained)] = _DIVERGED_NATS
         # at the first sample every mode has its hypothesis, and none needs to enter it
         scores = self.scores[:, :, None] + gained - np.where(enters, price if k else np.inf, 0.0)
         if prior is not None:

@@ -27,6 +27,10 @@ from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.stays import Stays
 
+_JUMP = 0.3  # of a usual change: where others jump by more, less is an error of a solver
+# Instants in an interval from which those are sought at which flows meet, and steps to there.
+_SHARES, _TURNS_OF_SHARES = 5, 6
+
 
 @dataclass(frozen=True)
 class ExactModes:
@@ -126,7 +130,7 @@ def _jumps(laws: Laws, recordings: Recordings, left: NDArray[np.bool_]) -> NDArr
     gaps = [
         np.abs(some.states[1] - some.flown(laws, np.full(len(some), mode))) for mode in laws.modes
     ]
-    least = np.maximum(LIMITS.jump * intervals.usual, np.finfo(float).tiny)
+    least = np.maximum(_JUMP * intervals.usual, np.finfo(float).tiny)
     far = (np.array(gaps) / least).max(axis=2).min(axis=0) > 1.0
     at_events = np.abs(Intervals.of_events(recordings).changes) > least
     jumps = left.copy()
@@ -199,13 +203,13 @@ def _missed(laws: Laws, intervals: Intervals, path: Sequence[int]) -> tuple[Arra
     if not n_switches:
         none = np.zeros((n, 0))
         return np.abs(_gaps(laws, intervals, path, none)[0]).max(axis=1), none
-    grid = (np.arange(LIMITS.shares) + 0.5) / LIMITS.shares
+    grid = (np.arange(_SHARES) + 0.5) / _SHARES
     starts = np.array(list(combinations_with_replacement(grid, n_switches)))
     # from all of them: where two velocities are alike somewhere, flows nearly meet twice
     parts = np.repeat(starts, n, axis=0)
     many = intervals.take(np.tile(np.arange(n), len(starts)))
     least, best = np.full(len(parts), np.inf), parts
-    for _ in range(LIMITS.turns_of_shares):
+    for _ in range(_TURNS_OF_SHARES):
         gaps, rates = _gaps(laws, many, path, parts)
         size = np.nan_to_num(np.abs(gaps).max(axis=1), nan=np.inf)
         best = np.where((size < least)[:, None], parts, best)

@@ -17,6 +17,8 @@ from swsysid._stays.lifted import Estimate
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS
 
+_AS_NEIGHBOURS = 1.15  # what is left counts as noise up to so many times what neighbours show
+
 
 @dataclass(frozen=True)
 class StayRecord:
@@ -82,7 +84,7 @@ def leaves_noise(reached: Reached, sigma: Array) -> bool:
         [left[: len(t), k] for k, t in enumerate(reached.estimate.nodes.recordings.times)]
     )
     whole = all((one < 0).all() for one in breaks)
-    return whole and bool((noise <= LIMITS.as_neighbours * sigma).all())
+    return whole and bool((noise <= _AS_NEIGHBOURS * sigma).all())
 
 
 def counted_as_one(reached: Reached) -> float:

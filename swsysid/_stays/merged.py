@@ -28,6 +28,10 @@ from swsysid._stays.samples import intervals_of
 from swsysid._stays.settings import LIMITS, SETTINGS
 from swsysid._ties import least_of
 
+# Of the largest singular value of the features of a segment, the least along which its slopes
+# change a law.
+_TOLD_BY_FEW = 0.1
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -134,5 +138,5 @@ class _Piece:
         features = laws.features(np.hstack([self.x, self.u]))
         size = np.maximum(np.abs(features).max(axis=0), np.finfo(float).tiny)
         missed = np.gradient(self.x, self.t, axis=0) - laws.velocities(self.modes, self.x, self.u)
-        change = np.linalg.lstsq(features / size, missed, rcond=LIMITS.told_by_few)[0]
+        change = np.linalg.lstsq(features / size, missed, rcond=_TOLD_BY_FEW)[0]
         return mode, np.where(laws.free[mode], (change / size[:, None]).T, 0.0)

@@ -18,6 +18,9 @@ from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._stays.settings import LIMITS, StaySettings
 
+# In usual intervals: between two samples further apart times are inserted.
+_LONGEST_STEP = 1.5
+
 
 class Piece(NamedTuple):
     """Steps `first` to `last` of a recording, and what surrounds them."""
@@ -266,7 +269,7 @@ def _filled_in(
     record: Record, guess: Array, further: Array, interval: float, held: bool
 ) -> tuple[Record, Array, NDArray[np.intp]]:
     """A record with times between far samples, its rough states, and places of its samples."""
-    counts = np.ceil(np.diff(record.t) / (LIMITS.longest_step * interval)).astype(int)
+    counts = np.ceil(np.diff(record.t) / (_LONGEST_STEP * interval)).astype(int)
     if (counts == 1).all() and not len(further):
         return record, guess, np.arange(len(record.t))
     places = np.concatenate([[0], np.cumsum(counts)])

@@ -18,7 +18,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
            for path in PACKAGE.rglob("*.py")}  # fmt: skip
 # Up to the next ten; `top` are the files beside the rooms.
 MOST_LINES = {
-    "_automaton": 2870,
+    "_automaton": 2860,
     "_automaton_search": 4600,
     "_checks": 600,
     "_cli": 4310,
@@ -30,7 +30,7 @@ MOST_LINES = {
     "_effect_model": 2250,
     "_effect_search": 9330,
     "effects": 3780,
-    "_free_rollouts": 850,
+    "_free_rollouts": 860,
     "_identification": 2710,
     "_losses": 760,
     "metrics": 720,
@@ -38,18 +38,18 @@ MOST_LINES = {
     "refinement": 1990,
     "relaxations": 1480,
     "_rendering": 710,
-    "_residual_report": 2380,
+    "_residual_report": 2370,
     "_saving": 720,
     "_seeding": 1360,
     "_simulation": 1820,
     "_solvers": 1290,
-    "_stays": 8160,
+    "_stays": 8150,
     "_surfaces": 2310,
     "_tables": 1080,
     "top": 3380,
 }
-MOST_FILES = 369
-MOST_SETTINGS = 634
+MOST_FILES = 368
+MOST_SETTINGS = 542
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
 
