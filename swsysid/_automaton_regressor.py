@@ -11,8 +11,9 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.doubts import untold_switches
+from swsysid._automaton_search.guards import GuardTerms
+from swsysid._automaton_search.judged import rollout_score
 from swsysid._automaton_search.report import AutomatonReport
-from swsysid._automaton_search.scores import rollout_score
 from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
@@ -112,8 +113,7 @@ class HybridAutomatonRegressor(BaseEstimator):
         The candidates of ``n_modes="auto"``.
     refinement_ : AutomatonRefinement or None
         What `refine` gained, and standard errors of laws, guards and resets; None where there was
-        nothing to refine: no noise, no transition, or one surface whose coefficients were found
-        together with the laws.
+        nothing to refine: no noise, or no transition.
     report_ : AutomatonReport
 
     See Also
@@ -144,6 +144,8 @@ class HybridAutomatonRegressor(BaseEstimator):
 
     #: Sizes and limits that a fit takes for granted; a subclass may have others.
     settings = StaySettings()
+    #: So many of the inputs, the last, are in the laws alone, in continuous time: guards know none.
+    unguarded_inputs = 0
 
     def __init__(
         self,
@@ -228,7 +230,12 @@ class HybridAutomatonRegressor(BaseEstimator):
                 )
             else:
                 found = continuous.identified(
-                    self._estimator(), given, degree, self.settings, bar.update, refine=refine
+                    self._estimator(),
+                    given,
+                    GuardTerms(degree, self.unguarded_inputs),
+                    self.settings,
+                    bar.update,
+                    refine=refine,
                 )
         self._store(found, given)
         return self

@@ -8,20 +8,19 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
-from swsysid._data.input_steps import Hold
+from swsysid._data.recordings import Hold
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._stays.certainty import certainty
-from swsysid._stays.given import Given, read_given
+from swsysid._stays.given import Given, read_given, warn_of_turns
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.input_holds import with_steps
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
-from swsysid._stays.reported import reported
+from swsysid._stays.recording_report import reported
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
-from swsysid._stays.sensors import warn_of_turns
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.weighted import weighted
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing

@@ -8,7 +8,7 @@ public, whichever part of the package makes them.
 'Increase time_limit; the bound and the gap say how far the answer can be.'
 """
 
-from swsysid._automaton.first_modes import FirstModes
+from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._automaton_search.refinement import AutomatonRefinement

@@ -22,10 +22,9 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, in_exact_steps
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.stays import Stays
-from swsysid._stays.steps import in_exact_steps
 from swsysid.differentiation import differentiate
 from swsysid.refinement import StatedModel, refine
 from swsysid.refinement._trajectories import read_trajectories

@@ -4,10 +4,13 @@ Along a step the states are polynomials in time (the integrator's dense output),
 are linear. A polynomial guard is therefore a polynomial in time, known from its values at as many
 Chebyshev points as it has coefficients, and its roots cut the step into intervals of one sign: no
 visit to the other side of a guard is missed, however short.
+
+`GuardWatch` knows the guards of the mode that a rollout is in: which is due, or will be first.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,10 +18,17 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.optimize import brentq
 
-from swsysid._automaton.settings import SETTINGS
 from swsysid._automaton.transitions import PolynomialGuard, Transition
 from swsysid._results import Array
 from swsysid._simulation.events import Piece, last_and_next
+from swsysid._simulation.inputs import Signal
+
+# Rounding: a value is zero within so many roundings of the terms it is made of, and of the
+# states and times at which it was taken.
+_ROUNDINGS = 8.0
+# Crossings: roots of a guard so close to the real line, in halves of a step, are looked at:
+# a double root comes out as a pair apart by the square root of rounding.
+_CLOSE_PAIR = 1e-6
 
 
 @dataclass
@@ -109,12 +119,12 @@ def _chebyshev_points(degree: int) -> tuple[Array, Array]:
 
 def _roots_within(coef: Array) -> Array:
     """Real roots in [-1, 1] of a Chebyshev series, close pairs that rounding made complex too."""
-    small = SETTINGS.roundings * np.finfo(float).eps * np.abs(coef).max()
+    small = _ROUNDINGS * np.finfo(float).eps * np.abs(coef).max()
     kept = np.trim_zeros(np.where(np.abs(coef) > small, coef, 0.0), "b")
     if len(kept) < 2:
         return np.empty(0)
     roots = chebyshev.chebroots(kept)
-    near = (np.abs(roots.imag) < SETTINGS.close_pair) & (np.abs(roots.real) < 1.0)
+    near = (np.abs(roots.imag) < _CLOSE_PAIR) & (np.abs(roots.real) < 1.0)
     return np.sort(roots.real[near])
 
 
@@ -132,3 +142,70 @@ def _located(watched: Watched, columns: GuardColumns, before: float, after: floa
     return last_and_next(
         lambda time: not watched.fires(value(time) + level), before, after, resolution, guess
     )[1]
+
+
+class GuardWatch:
+    """The transitions out of the present mode, since it was entered."""
+
+    def __init__(self, transitions: Sequence[Transition], mode: int, x0: Array, time: float):
+        self.transitions, self.mode, self.entered = tuple(transitions), mode, time
+        self.sizes = np.abs(x0)  # of the states in the last step
+        self.watched: list[Watched] = []
+
+    def enter(
+        self, mode: int, time: float, x: Array, signal: Signal, velocities: tuple[Array, Array]
+    ) -> None:
+        """Look at the guards of a mode that is entered; velocities are those before and after.
+
+        A guard that is zero within rounding is armed if it rises along the law of the mode.
+        """
+        self.mode, self.entered = mode, time
+        columns, (before, after) = self._columns(x, time, signal), velocities
+        # over a unit of time: inputs are linear
+        inputs = signal(time + 1.0) - signal(time)
+        rates = np.concatenate([after, inputs, (1.0, 1.0)])
+        speeds = np.maximum(np.abs(before), np.abs(after))
+        errors = self._errors(columns, x, time, speeds)
+        unit = _ROUNDINGS * np.finfo(float).eps
+        self.watched = []
+        for transition in self.transitions:
+            if transition.source != mode:
+                continue
+            guard, slopes = transition.guard, transition.guard.gradient(columns)
+            value, changes = guard.at(columns), slopes * rates
+            band = float(np.abs(slopes) @ errors + unit * np.abs(guard.terms(columns)).sum())
+            rises = value <= band and changes.sum() > unit * np.abs(changes).sum()
+            self.watched.append(Watched(transition, bool(value < -band or rises), band))
+
+    def due(self, x: Array, time: float, signal: Signal) -> Transition | None:
+        """The first transition that is taken at a state."""
+        columns = self._columns(x, time, signal)
+        for one in self.watched:
+            # inputs that are held jump to a value: there is no rise that would pass by zero
+            if one.fires(one.transition.guard.at(columns), slack=one.band):
+                return one.transition
+        return None
+
+    def first(self, piece: Piece, n_states: int) -> tuple[float, Transition] | None:
+        """The first transition along a step of the integrator, and when it is taken."""
+        columns = GuardColumns(piece, self.entered)
+        rises = [first_rise(one, columns, n_states) for one in self.watched]
+        times = [time for time in rises if time is not None]
+        if not times:
+            return None
+        return min(times), self.watched[rises.index(min(times))].transition
+
+    def passed(self, before: Array, after: Array) -> None:
+        """Take note of the states at both ends of a step."""
+        self.sizes = np.maximum(np.abs(before), np.abs(after))
+
+    def _errors(self, columns: Array, x: Array, time: float, speeds: Array) -> Array:
+        """Rounding of the columns of guards at an instant that was located to the last digit."""
+        unit, instant = _ROUNDINGS * np.finfo(float).eps, 4.0 * np.spacing(abs(time))
+        errors = unit * np.abs(columns)
+        errors[: len(x)] = unit * np.maximum(self.sizes, np.abs(x)) + instant * speeds
+        errors[-2:] = instant
+        return errors
+
+    def _columns(self, x: Array, time: float, signal: Signal) -> Array:
+        return np.concatenate([x, signal(time), (time - self.entered, time)])

@@ -10,9 +10,8 @@ from sklearn.base import BaseEstimator
 from sklearn.pipeline import FeatureUnion
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._automaton.first_modes import FirstModes
-from swsysid._automaton.parts import AutomatonParts
-from swsysid._automaton.settings import SETTINGS
+from swsysid._automaton.parts import AutomatonParts, FirstModes
+from swsysid._automaton.polynomial_text import MOST_TERMS
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import flag, names_of_columns, whole
@@ -182,7 +181,7 @@ def _array(name: str, told: object, shape: tuple[int | None, ...]) -> Array:
 
 def _whole_numbers(name: str, told: object) -> NDArray[np.intp]:
     values = numbers(name, told)
-    most = SETTINGS.most_terms
+    most = MOST_TERMS
     if (values != np.round(values)).any() or (values < 0).any() or (values > most).any():
         raise ValueError(f"{name} holds other entries than whole numbers from 0 to {most}")
     return values.astype(np.intp)

@@ -8,8 +8,9 @@ from math import isfinite
 
 from swsysid._automaton.columns import other_names
 from swsysid._automaton.polynomials import Polynomial, negative, nonzero, product, total
-from swsysid._automaton.settings import SETTINGS
 from swsysid._checks.parameters import real, shown
+
+MOST_TERMS = 3000  # of a polynomial beyond which it is a slip of the hand
 
 _NAME = r"[^\W\d]\w*(?:\[k(?:\s*-\s*\d+)?\])?"
 _TOKEN = re.compile(
@@ -131,7 +132,7 @@ class _Reader:
         if kind != "number" or not float(exponent).is_integer():
             raise self.refusal("has a power that is no whole number")
         value: Polynomial = {self.constant: 1.0}
-        for _ in range(int(min(float(exponent), SETTINGS.most_terms))):
+        for _ in range(int(min(float(exponent), MOST_TERMS))):
             value = self.times(value, base)
         return value
 
@@ -156,7 +157,7 @@ class _Reader:
         return value
 
     def times(self, left: Polynomial, right: Polynomial) -> Polynomial:
-        if len(left) * len(right) > SETTINGS.most_terms:
+        if len(left) * len(right) > MOST_TERMS:
             raise self.refusal("has too many terms")
         return product(left, right)
 

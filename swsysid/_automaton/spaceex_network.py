@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 from xml.etree import ElementTree
 
-from swsysid._automaton.settings import SETTINGS
+from swsysid._automaton.polynomial_text import MOST_TERMS
 from swsysid._checks.parameters import shown
 
 NAMESPACE = "http://www-verimag.imag.fr/xml-namespaces/sspaceex"
@@ -248,7 +248,7 @@ def _meaning(
 def _composed(one: Component, other: Component) -> Component:
     """Two components side by side."""
     n_others = len(other.locations)
-    if len(one.locations) * n_others > SETTINGS.most_terms:
+    if len(one.locations) * n_others > MOST_TERMS:
         raise refusal("its instances have too many locations together")
     kinds = {**one.kinds, **other.kinds}
     kinds.update((name, "state") for name, kind in one.kinds.items() if kind == "state")

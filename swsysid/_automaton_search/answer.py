@@ -12,7 +12,7 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.refinement import AutomatonRefinement
-from swsysid._discrete_stays.certainty import KindsOfNoise
+from swsysid._discrete_stays.identify import KindsOfNoise
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._results import Array
 

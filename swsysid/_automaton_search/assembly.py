@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.equations import guard_text
-from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.transitions import PolynomialGuard, Transition
 from swsysid._automaton_search.certificates import Certificate
 from swsysid._automaton_search.found import FoundTransition, Told
@@ -18,6 +18,9 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
 from swsysid._rendering.printing import counted
 from swsysid._results import Array
+
+# Digits of the numbers of rivals; samples that tell the first mode of a rollout.
+_DIGITS_OF_RIVALS, _MOST_FIRST_MODES = 4, 2000
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,7 @@ def first_modes_of(states: Sequence[Array], modes: Sequence[NDArray[np.intp]]) -
     """Some samples with their modes, the first ones of all recordings among them."""
     rows, labels = np.vstack(states), np.concatenate(modes)
     lengths = np.cumsum([0, *(len(own) for own in modes)])[:-1]
-    spread = np.linspace(0, len(rows) - 1, min(len(rows), SETTINGS.most_first_modes)).astype(int)
+    spread = np.linspace(0, len(rows) - 1, min(len(rows), _MOST_FIRST_MODES)).astype(int)
     some = np.union1d(lengths, spread)
     return FirstModes(rows[some], labels[some])
 
@@ -220,9 +223,7 @@ def verdicts_of(
                 largest_margin=margins.largest,
                 n_coefficients=guard.n_coefficients,
                 rivals=tuple(
-                    guard_text(
-                        in_users(rival.guard), columns, SETTINGS.digits_of_rivals, brief=True
-                    )
+                    guard_text(in_users(rival.guard), columns, _DIGITS_OF_RIVALS, brief=True)
                     for rival in guard.rivals
                 ),
                 is_in_model=guard.is_any(interval),

@@ -8,8 +8,7 @@
    all pieces are joined, where it jumps they are cut, and stays are told anew. Recordings without
    noise tell both at once, interval by interval.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
-   zero at the samples of its mode (`guards`), unless another one forestalls it (`possible`). Where
-   one surface is crossed both ways laws and surface are found together (`one_surface`).
+   zero at the samples of its mode (`guards`), unless another one forestalls it.
 4. *Jointly.* Laws, guards and resets are refined together (`refined`).
 """
 
@@ -24,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
-from swsysid._automaton_search.apart import apart
 from swsysid._automaton_search.assembly import (
     Assembled,
     assembled,
@@ -33,12 +31,12 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import certificates
-from swsysid._automaton_search.cutting import Cut, Cutting
+from swsysid._automaton_search.cutting import Cut, Cutting, apart
+from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.elsewhere import errors_elsewhere, guard_elsewhere, told_from
 from swsysid._automaton_search.errors import AutomatonErrors
-from swsysid._automaton_search.exits import shared_exits
 from swsysid._automaton_search.found import FoundTransition, Told
-from swsysid._automaton_search.guards import missed_by
+from swsysid._automaton_search.guards import GuardTerms, missed_by
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.judged import (
     Guards,
@@ -47,17 +45,10 @@ from swsysid._automaton_search.judged import (
     switches_by_recording,
 )
 from swsysid._automaton_search.jumps import jumps_of
-from swsysid._automaton_search.one_surface import (
-    explains,
-    guards_of,
-    may_be_one_surface,
-    with_surface,
-)
-from swsysid._automaton_search.possible import possible, with_brief_stays
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.transitions import transitions_of
+from swsysid._automaton_search.transitions import possible, transitions_of, with_brief_stays
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
@@ -65,7 +56,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.certainty import certainty
 from swsysid._stays.count import CountCandidate
-from swsysid._stays.given import Given
+from swsysid._stays.given import Given, without_clipped
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import (
@@ -78,33 +69,32 @@ from swsysid._stays.pieces import (
 )
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import ExactStart, Search
-from swsysid._stays.sensors import without_clipped
 from swsysid._stays.settings import StaySettings
 
 
 def identified(
     estimator: SwitchingSystemRegressor,
     given: Given,
-    degree: int,
+    terms: GuardTerms,
     settings: StaySettings,
     told: Callable[[], object],
     *,
     refine: bool = True,
 ) -> IdentifiedAutomaton:
-    """The automaton of some recordings; `degree` is that of the guards.
+    """The automaton of some recordings; `terms` are those of the guards.
 
-    It is refined unless the recordings have no noise, or laws and surface were found together.
+    It is refined unless the recordings have no noise.
     """
     origin = Origin.of(given, estimator)
     counted = origin.counted(given)
-    found = _identified(estimator, counted, degree, settings, told, origin, refine=refine)
+    found = _identified(estimator, counted, terms, settings, told, origin, refine=refine)
     return told_from(origin, found, given, estimator.feature_library)
 
 
 def _identified(
     estimator: SwitchingSystemRegressor,
     given: Given,
-    degree: int,
+    terms: GuardTerms,
     settings: StaySettings,
     told: Callable[[], object],
     origin: Origin,
@@ -122,20 +112,14 @@ def _identified(
     else:
         given = without_clipped(given)
         cutting = Cutting(estimator, given, settings, told)
-        cut = _in_rounds(cutting, jumps, degree)
+        cut = _in_rounds(cutting, jumps, terms)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
-    together = followed is not None
-    found = transitions_of(stays, pieces, degree)
-    if may_be_one_surface(found, stays.estimate.nodes.recordings.interval):
-        surfaced = with_surface(estimator, pieces.given, degree, settings, told)
-        if explains(surfaced, stays):
-            stays, together = surfaced, True
-            found = transitions_of(stays, pieces, degree, guards_of(stays))
-    more = None if together else with_brief_stays(found, stays, settings)
+    found = transitions_of(stays, pieces, terms)
+    more = with_brief_stays(found, stays, settings) if followed is None else None
     if more is not None:
-        stays, found = more, transitions_of(more, pieces, degree)
+        stays, found = more, transitions_of(more, pieces, terms)
     found = _by_rollouts(given, stays, pieces, possible(found, stays))
-    if refine and found and not together:
+    if refine and found and followed is None:
         told()
         parts, refinement = _refined_if_possible(
             without_limits(given), stays, pieces, found, settings, origin
@@ -167,13 +151,13 @@ def _refined_if_possible(
         return told_by_parts(given, stays, pieces, found), None
 
 
-def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], degree: int) -> Cut:
+def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], terms: GuardTerms) -> Cut:
     """Stays, what each switch does, and stays again, until it jumps where it has jumped before."""
     cut = cutting.identified(jumps)
     for _ in range(SETTINGS.most_rounds):
         cutting.told()
         alone = apart(cutting.given, cut.stays, cut.pieces, cutting.settings)
-        jumps = _jumps(transitions_of(*alone, degree), cut.jumps, cutting.given)
+        jumps = _jumps(transitions_of(*alone, terms), cut.jumps, cutting.given)
         if all(map(np.array_equal, jumps, cut.jumps)):
             break
         again = cutting.again(cut, jumps)

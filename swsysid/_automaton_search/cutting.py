@@ -4,26 +4,51 @@ Before any law is known only large jumps are seen. With the laws of an answer sm
 recordings that are cut there are told anew; that pays for the states in which the pieces begin.
 Answers with more modes begin with the recordings as they were: where modes are missing, what looks
 like a jump may be one of these.
+
+*That it jumps*: the most likely modes are sought once more with every mode there twice, entered
+with the state going on, or by a jump, after which nothing is known of the state but its spread.
+What the samples after it say of the state then pays for a jump, or does not.
+
+*Where it does*: from some samples before a cut the old law is followed over it, from some after it
+the new one is followed back. Where the samples leave the one for the other, the recording jumps.
+
+*What it does there*: stays are taken apart from each other, each with states of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.hidden_jumps import hidden_jumps
-from swsysid._automaton_search.places import better_places
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._data.recordings import Record
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
+from swsysid._stays.assign import disturbances
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes
-from swsysid._stays.given import Given
+from swsysid._stays.decoding import decode
+from swsysid._stays.descent import most_likely
+from swsysid._stays.filtering import FlowFilter
+from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.intervals import flow
+from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.pieces import Pieces, cut_at
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.samples import modes_of, states_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
+from swsysid._stays.stays import Stays
+
+# What most recordings may leave, in units of the noise, where laws are believed; how many samples a
+# cut moves at most; squares of one that is lost.
+_MOST_USUAL_EXCESS = 2.0
+_FARTHEST_PLACE, _LOST = 10, 1e4
 
 
 @dataclass(frozen=True)
@@ -117,7 +142,7 @@ class Cutting:
     def _further(self, now: Cut) -> Cut | None:
         """With the jumps that its own laws see, if that is better."""
         usual = now.search.usual_excess(now.stays)
-        if usual > SETTINGS.most_usual_excess:  # laws say nothing yet
+        if usual > _MOST_USUAL_EXCESS:  # laws say nothing yet
             return None
         more = hidden_jumps(now.stays, now.pieces, len(now.jumps), self.settings)
         jumps = [np.union1d(*both).astype(np.intp) for both in zip(now.jumps, more, strict=True)]
@@ -146,3 +171,161 @@ class Cutting:
 
     def _of(self, found: StayIdentification) -> Cut:
         return next(one for one in self.answers if one.stays is found)
+
+
+def hidden_jumps(
+    found: StayIdentification, pieces: Pieces, n_recordings: int, settings: StaySettings
+) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which it jumps amid the pieces."""
+    estimate = found.estimate
+    laws, n_modes = estimate.laws, len(estimate.laws.coef)
+    recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
+    twice = replace(laws, coef=np.tile(laws.coef, (2, 1, 1)), free=np.tile(laws.free, (2, 1, 1)))
+    least = disturbances(laws, recordings, settings)[-1]
+    parted, places = recordings.cut(settings.piece, settings.overlap)
+    # the second ones are entered by a jump: the state is known by its spread alone
+    wide = np.outer(np.square(laws.spread), np.arange(2 * n_modes) >= n_modes)
+    filter_ = replace(FlowFilter.of(twice, parted, found.left, least), entering=wide)
+    price = float(np.log(recordings.lengths.sum()))
+    told = decode(filter_, parted, price=price, n_kept=settings.n_kept).modes
+    jumps: list[list[int]] = [[] for _ in range(n_recordings)]
+    for number, piece in enumerate(places):
+        own = told[piece.first - piece.begin : piece.last - piece.begin, number]
+        jumped = np.flatnonzero((np.diff(own) != 0) & (own[1:] >= n_modes)) + 1 + piece.first
+        sampled = recordings.sampled[piece.recording]
+        after = np.searchsorted(sampled, jumped, side="right") - 1
+        first = pieces.first[piece.recording]
+        jumps[int(pieces.recording[piece.recording])].extend((first + after).tolist())
+    return [_apart(np.unique(np.array(own, dtype=np.intp))) for own in jumps]
+
+
+def _apart(jumps: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Jumps with samples enough between them.
+
+    A sample between two is that of one jump. What is longer, and too short to be told, is no jump
+    but a mode of its own.
+    """
+    kept = jumps[np.diff(jumps, prepend=-np.inf) > 1]
+    after, before = np.diff(kept, append=np.inf), np.diff(kept, prepend=-np.inf)
+    return kept[np.minimum(before, after) >= FEWEST_SAMPLES]
+
+
+def better_places(
+    given: Given, found: StayIdentification, pieces: Pieces, jumps: list[NDArray[np.intp]]
+) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which it jumps, where a cut fits best."""
+    laws, noise = found.estimate.laws, found.left
+    modes, states = by_samples(given, found, pieces)
+    places = []
+    for record, own, x, cuts in zip(given.records, modes, states, jumps, strict=True):
+        edges = np.concatenate([[-1], cuts, [len(own) - 1]])
+        moved = [
+            _better_place(laws, noise, record, own, x, *edges[k : k + 3])
+            for k in range(len(cuts))
+        ]  # fmt: skip
+        places.append(np.unique(np.array(moved, dtype=np.intp)))
+    return places
+
+
+def _better_place(
+    laws: Laws,
+    noise: Array,
+    record: Record,
+    modes: NDArray[np.intp],
+    states: Array,
+    before: int,
+    cut: int,
+    after: int,
+) -> int:
+    """The sample of one recording after which it jumps; its neighbours stay where they are."""
+    first = _reach(modes, cut, max(before + 1, cut - _FARTHEST_PLACE), -1)
+    last = _reach(modes, cut + 1, min(after, cut + 1 + _FARTHEST_PLACE), 1)
+    samples = np.arange(first, last + 1)
+    if min(modes[cut], modes[cut + 1]) < 0 or len(samples) < SETTINGS.fewest_of_a_stay:
+        return cut
+    old = _followed(laws, int(modes[cut]), record, states[first], samples)
+    new = _followed(laws, int(modes[cut + 1]), record, states[last], samples[::-1])[::-1]
+    old, new = (_squares(record.y[samples], path, noise) for path in (old, new))
+    costs = np.cumsum(old)[:-1] + np.cumsum(new[::-1])[::-1][1:]
+    best = int(costs.argmin())
+    return first + best if costs[best] < costs[cut - first] - 1.0 else cut
+
+
+def _squares(y: Array, path: Array, noise: Array) -> Array:
+    """Of each sample the squares by which a path misses it; none of what was not measured."""
+    missed = np.where(np.isfinite(path), np.square((y - path) / noise), _LOST)
+    return np.asarray(np.where(np.isfinite(y), missed, 0.0).sum(axis=1).clip(max=_LOST))
+
+
+def _reach(modes: NDArray[np.intp], start: int, end: int, step: int) -> int:
+    """The last sample on the way that is in the mode of the first one."""
+    way = np.arange(start, end + step, step)
+    other = np.flatnonzero(modes[way] != modes[start])
+    return int(way[-1] if not len(other) else way[other[0] - 1])
+
+
+def _followed(
+    laws: Laws, mode: int, record: Record, start: Array, samples: NDArray[np.intp]
+) -> Array:
+    """States at samples one after the other, by one law, forwards or back in time."""
+    x, path, which = start[None], [start], np.array([mode])
+    for here, there in zip(samples[:-1].tolist(), samples[1:].tolist(), strict=True):
+        duration = record.t[[there]] - record.t[here]
+        x = flow(laws, which, x, record.u[[here]], record.u[[there]], duration)
+        path.append(x[0])
+    return np.array(path)
+
+
+def apart(
+    given: Given, found: StayIdentification, pieces: Pieces, settings: StaySettings
+) -> tuple[StayIdentification, Pieces]:
+    """The same stays, each a piece of its own that starts where its own samples say."""
+    modes, states = by_samples(given, found, pieces)
+    cuts = [
+        np.union1d(np.flatnonzero(np.diff(own)), pieces.last[pieces.recording == k])
+        for k, own in enumerate(modes)
+    ]
+    alone = cut_at(
+        given,
+        [own[own < len(own_modes) - 1] for own, own_modes in zip(cuts, modes, strict=True)],
+        SETTINGS.fewest_of_a_stay,
+    )
+    first = np.array(
+        [modes[k][place] for k, place in zip(alone.recording, alone.first, strict=True)]
+    )
+    alone, first = alone.take(first >= 0), first[first >= 0]
+    rough = [
+        states[k][a : b + 1]
+        for k, a, b in zip(alone.recording, alone.first, alone.last, strict=True)
+    ]
+    recordings = Recordings.of(alone.given.records, rough)
+    parts = found.estimate.nodes.recordings.per_sample
+    recordings = replace(
+        recordings.divided(parts), first_step=found.estimate.nodes.recordings.first_step
+    )
+    stays = [Stays(np.array([mode]), np.zeros(0)) for mode in first]
+    nodes = recordings.in_a_row(recordings.guess)
+    estimate = Estimate(found.estimate.laws, Nodes(recordings, stays), nodes)
+    reached = most_likely(estimate, found.reached.noise, settings.roughly(), near=True)
+    return replace(found, reached=reached), alone
+
+
+def by_samples(
+    given: Given, found: StayIdentification, pieces: Pieces
+) -> tuple[list[NDArray[np.intp]], list[Array]]:
+    """Modes and states at the samples of each recording.
+
+    Where no piece tells, the mode is -1 and the state as it was measured.
+    """
+    recordings = found.estimate.nodes.recordings
+    parts = np.cumsum([len(places) for places in recordings.sampled])[:-1]
+    of_pieces = np.split(modes_of(found.estimate), parts)
+    states_of_pieces = np.split(recordings.joined(states_of(found.estimate)), parts)
+    lengths = [len(record.t) for record in given.records]
+    modes = [np.full(n, -1, dtype=np.intp) for n in lengths]
+    states = [record.filled.copy() for record in given.records]
+    for k, first, last, mode, state in zip(
+        pieces.recording, pieces.first, pieces.last, of_pieces, states_of_pieces, strict=True
+    ):
+        modes[k][first : last + 1], states[k][first : last + 1] = mode, state
+    return modes, states

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.few_columns import (
     FewColumns,
@@ -37,6 +38,24 @@ from swsysid._automaton_search.few_columns import (
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
+
+# Of the median rate at which a guard is crossed, the slowest; turns of weights, the first of them
+# without sides, and those in which switches that it does not explain are left out.
+_SLOWEST = 0.1
+_TURNS, _TURNS_WITHOUT_SIDES, _TURNS_OF_EXPLAINED = 12, 4, 4
+
+
+class GuardTerms(NamedTuple):
+    """What guards are polynomials of: all columns but some of the inputs, the last."""
+
+    degree: int
+    n_unseen: int = 0
+
+    def seen(self, columns: Array) -> Array:
+        """Columns that end with the clocks, those that no guard sees unknown."""
+        unknown, end = columns.copy(), columns.shape[1] - len(CLOCKS)
+        unknown[:, end - self.n_unseen : end] = np.nan
+        return unknown
 
 
 @dataclass(frozen=True)
@@ -91,21 +110,6 @@ def best_guard(
     return cheapest_guard(
         n_columns, lambda some: _guard_of(crossed, some, degree), crossed.interval
     )
-
-
-class StatedGuard(NamedTuple):
-    """A guard that is known otherwise, with the standard errors of its coefficients."""
-
-    guard: PolynomialGuard
-    errors: Array
-
-
-def stated_guard(crossed: Crossed, stated: StatedGuard) -> FoundGuard:
-    """A guard that is known."""
-    guard = stated.guard
-    misses = missed_by(guard, crossed.columns, crossed.rates)
-    some = np.flatnonzero(guard.powers.any(axis=0))
-    return FoundGuard(guard, 0.0, misses, some, stated.errors)
 
 
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
@@ -194,7 +198,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
     random = max(float(np.log(stay / np.median(errors))), SETTINGS.unexplained)
     rates, weights = np.ones(len(values)), np.ones(len(values))
     beside_rates, pulls = np.ones(len(beside)), np.zeros(len(beside))
-    wrong, turn, last = np.zeros(len(beside)), 0, SETTINGS.turns + SETTINGS.turns_of_explained
+    wrong, turn, last = np.zeros(len(beside)), 0, _TURNS + _TURNS_OF_EXPLAINED
     coef = np.zeros(len(rising))
     while turn < last:
         pulling, before = pulls > 0.0, np.concatenate([coef, weights, pulls])
@@ -205,7 +209,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
         coef = scaled.least(rows)
         own_rates = np.abs(slopes @ coef)
         # their mean is one, so that what most of them do not have is more than its rounding
-        least = max(SETTINGS.slowest * float(np.median(own_rates)), np.finfo(float).eps)
+        least = max(_SLOWEST * float(np.median(own_rates)), np.finfo(float).eps)
         rates = np.maximum(own_rates, least)
         beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
         times = values @ coef / rates
@@ -214,9 +218,9 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
         # least absolute deviations first, then least squares of those that are explained
         weights = _least_absolute(times / errors)
         # once the switches tell about where the guard is; samples of false stays lie far beyond
-        if turn >= SETTINGS.turns_without_sides:
+        if turn >= _TURNS_WITHOUT_SIDES:
             pulls = np.where(beyond, np.square(_least_absolute(wrong / unit)), 0.0)
-        if turn >= SETTINGS.turns:
+        if turn >= _TURNS:
             told = _explained(times / errors, random)
             weights = np.where(told.which, 1.0 / told.scale, 0.0)
             pulls[_costs_beside(wrong, unit) > random] = 0.0
@@ -224,7 +228,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
         change = np.abs(np.concatenate([coef, weights, pulls]) - before).max()
         turn += 1
         if change <= SETTINGS.exact * min(1.0, np.abs(coef).max()):
-            kinds = SETTINGS.turns_without_sides, SETTINGS.turns, last
+            kinds = _TURNS_WITHOUT_SIDES, _TURNS, last
             turn = next(first for first in kinds if first >= turn)
     told = _explained(times / errors, random)
     cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())

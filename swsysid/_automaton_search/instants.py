@@ -9,7 +9,6 @@ that may go on do so, and every choice of these is tried.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -19,10 +18,9 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
 from swsysid._automaton_search.guards import (
     Crossed,
-    StatedGuard,
+    GuardTerms,
     best_guard,
     blurred_by,
-    stated_guard,
 )
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
@@ -30,6 +28,12 @@ from swsysid._automaton_search.switches import Switches, Visits
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._ties import least_of
+
+# Turns; times between two samples; parts of these once an instant is known nearly, and where
+# nothing but the guard tells it; intervals by which a guard is missed anyway.
+_TURNS_OF_INSTANTS, _GRID = 30, 33
+_CLOSER, _NEARBY = (0.1, 0.01), 0.5
+_MISSED = 0.01
 
 
 @dataclass(frozen=True)
@@ -40,23 +44,19 @@ class Known:
     laws: Laws
     noise: Array  # (n_states,)
     interval: float
-    degree: int
-    stated: Mapping[tuple[int, int], StatedGuard]  # guards that are known
+    terms: GuardTerms
 
     def crossed(self, switches: Switches) -> Crossed:
         """What the guard of switches is known by, these at their present instants."""
         columns, rates = switches.before(self.laws)
         own = self.visits.modes == switches.source[0]
-        beside, beside_rates = self.visits.columns[own], self.visits.rates[own]
-        below = -np.ones(len(beside))
-        return Crossed(columns, rates, switches.errors, beside, beside_rates, below, self.interval)
+        columns, beside = (self.terms.seen(one) for one in (columns, self.visits.columns[own]))
+        rates_beside, below = self.visits.rates[own], -np.ones(len(beside))
+        return Crossed(columns, rates, switches.errors, beside, rates_beside, below, self.interval)
 
     def guard(self, switches: Switches, some: NDArray[np.intp] | None = None) -> FoundGuard | None:
         """The guard of switches at their present instants, of some columns or of any."""
-        pair = int(switches.source[0]), int(switches.target[0])
-        if pair in self.stated:
-            return stated_guard(self.crossed(switches), self.stated[pair])
-        return best_guard(self.crossed(switches), self.degree, some)
+        return best_guard(self.crossed(switches), self.terms.degree, some)
 
     @property
     def errors(self) -> Array:
@@ -72,7 +72,6 @@ class Settled:
     guard: FoundGuard | None
     reset: FoundReset | None
     cost: float = 0.0
-    shared: FoundGuard | None = None  # the best one that is also the surface of the way back
     forestalled: bool = False  # by another one, always
 
     @property
@@ -118,7 +117,7 @@ class _Flows:
             switches.known[:, 0],
             switches.known[:, 1] - part * possible,
         )
-        times = first + np.linspace(0.0, part, SETTINGS.grid)[:, None] * possible
+        times = first + np.linspace(0.0, part, _GRID)[:, None] * possible
         every = switches.take(np.tile(np.arange(len(switches)), len(times))).moved(times.ravel())
         columns, after = every.before(laws)[0], every.after(laws)
         return cls(
@@ -197,12 +196,12 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
     """Instants, guard and reset in turns, some components of the state held to go on."""
     n_states, laws = len(known.noise), known.laws
     switches = flows.where(held, known)
-    for part in SETTINGS.closer:
+    for part in _CLOSER:
         flows = _Flows.of(switches, laws, part)
         switches = flows.where(held, known)
     found = Settled(switches, None, None, np.inf)
     some: NDArray[np.intp] | None = None  # columns of the guard; all are asked at first and last
-    for _ in range(SETTINGS.turns_of_instants):
+    for _ in range(_TURNS_OF_INSTANTS):
         columns, _ = switches.before(laws)
         reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors, held)
         guard = known.guard(switches, some)
@@ -211,7 +210,7 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
         if cost < found.cost:
             found = trial
         if not len(held):
-            flows = _Flows.of(switches, laws, SETTINGS.nearby)
+            flows = _Flows.of(switches, laws, _NEARBY)
         moved = flows.agreeing(trial, held, known)
         at_rest = np.abs(moved.times - switches.times).max() < SETTINGS.instant * known.interval
         if at_rest and some is None:
@@ -224,5 +223,5 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
 def _cost_of(guard: FoundGuard, switches: Switches, known: Known) -> float:
     """The logarithm of what the instants miss the guard by, no less than by errors of states."""
     blurred = np.nanmedian(blurred_by(guard.guard, *switches.before(known.laws), known.errors))
-    missed = max(guard.usual_miss, float(blurred), SETTINGS.missed * known.interval)
+    missed = max(guard.usual_miss, float(blurred), _MISSED * known.interval)
     return float(np.isfinite(guard.misses).sum() * np.log(missed / known.interval))

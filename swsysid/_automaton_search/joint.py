@@ -27,6 +27,20 @@ from swsysid._stays.resets import Resets
 from swsysid._stays.settings import StaySettings
 from swsysid._ties import least_of
 
+# How tightly nodes are tied to each other, in units of the noise; by which switches may miss their
+# guards, in intervals between samples; and turns for each. The last make the nodes one rollout, as
+# chaos asks for; automata are judged with ties at which rounding counts for nothing.
+_TIES = (
+    (0.05, 0.3, 10),
+    (0.0055, 0.03, 20),
+    (0.00055, 0.003, 20),
+    (0.000055, 0.0003, 20),
+)
+_JUDGED = 1
+# Part of the measured values that says something about the noise, at least; standard errors by
+# which guards differ at most that are one.
+_LEAST_FREEDOM, _EQUAL_GUARDS = 0.1, 3.0
+
 
 @dataclass(frozen=True)
 class JointEstimate(Estimate):
@@ -45,7 +59,7 @@ class JointEstimate(Estimate):
         """Part of the measured values that the unknowns of the rollouts do not take up."""
         starts = len(self.nodes.recordings) * self.states.shape[1]
         taken = self.n_shared + starts + int((self.nodes.told_by < 0).sum())
-        return max(SETTINGS.least_freedom, 1.0 - taken / max(1, self.n_values))
+        return max(_LEAST_FREEDOM, 1.0 - taken / max(1, self.n_values))
 
     @property
     def n_values(self) -> int:
@@ -114,16 +128,16 @@ def jointly(estimate: JointEstimate, noise: Array, settings: StaySettings) -> Jo
     interval = estimate.nodes.recordings.interval
     stages = [
         (Objective(noise, tie, time * interval, estimate.beyond), n_turns)
-        for tie, time, n_turns in SETTINGS.ties
+        for tie, time, n_turns in _TIES
     ]
     known = _through(estimate.known(), stages, settings)
     before = replace(estimate, nodes=known.nodes, states=known.states)
-    judge, _ = stages[SETTINGS.judged]
+    judge, _ = stages[_JUDGED]
     # loose ties lead further, and may lead to instants that are stuck at a sample
-    tried = [_through(before, stages[first:], settings) for first in (0, SETTINGS.judged)]
+    tried = [_through(before, stages[first:], settings) for first in (0, _JUDGED)]
     after = least_of(tried, judge.value)
     joint = Joint(before, after, stages[-1][0], judge.value(before), judge.value(after))
-    return _with_equal_guards(joint, stages[SETTINGS.judged :], settings)
+    return _with_equal_guards(joint, stages[_JUDGED:], settings)
 
 
 def _with_equal_guards(
@@ -133,7 +147,7 @@ def _with_equal_guards(
 
     A mode that is entered and left at one surface would else be left again where it is entered.
     """
-    guards, most = joint.after.guards, SETTINGS.equal_guards
+    guards, most = joint.after.guards, _EQUAL_GUARDS
     equal = guards.with_equal_ones(joint.errors_of_guards, most)
     fewer = guards.n_free - equal.n_free
     if not fewer:

@@ -18,6 +18,15 @@ from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.pieces import jumps_at_events, noise_between_events
 
+# Samples to each side that tell where a state was going; by how many intervals a kink may lead
+# astray (a half, and rounding); quantiles of slopes that a state may have; how far beyond curvature
+# it must land: extrapolated by half an interval, the cubic part of a motion is six times what a
+# parabola through five samples leaves, on both sides together.
+_SIDES = (5, 9, 15)
+_KINK = 0.55
+_USUAL = (0.05, 0.95)
+_BEYOND_CURVATURE = 12.0
+
 
 def jumps_of(given: Given) -> list[NDArray[np.intp]]:
     """Of each recording the samples after which its state jumps."""
@@ -26,7 +35,7 @@ def jumps_of(given: Given) -> list[NDArray[np.intp]]:
         # whether it jumps at an event its limits tell, and beside one they hide what parabolas see
         own = _jumps_of(record, noise)
         apart = np.abs(own[:, None] - record.events).min(axis=1, initial=len(record.t))
-        found.append(np.union1d(known, own[apart >= SETTINGS.sides[0]]).astype(np.intp))
+        found.append(np.union1d(known, own[apart >= _SIDES[0]]).astype(np.intp))
     return found
 
 
@@ -34,11 +43,11 @@ def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:
     """Intervals of one recording in which it jumps, the most certain of each neighbourhood."""
     n = len(record.t)
     certain = np.zeros(n - 1)
-    for width in SETTINGS.sides:
+    for width in _SIDES:
         if n >= 2 * width:
             inside = slice(width - 1, n - width)
             certain[inside] = np.maximum(certain[inside], _excess(record, noise, width))
-    if n > 2 * SETTINGS.sides[0]:
+    if n > 2 * _SIDES[0]:
         last = _excess_at_end(record.t, record.filled, noise)
         first = _excess_at_end(-record.t[::-1], record.filled[::-1], noise)
         certain[n - 1 - len(last) :], certain[: len(first)] = last, first[::-1]
@@ -46,7 +55,7 @@ def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:
     for place in np.argsort(-certain, kind="stable"):
         if certain[place] <= 1.0:
             break
-        if all(abs(place - other) >= SETTINGS.sides[0] for other in found):
+        if all(abs(place - other) >= _SIDES[0] for other in found):
             found.append(int(place))
     return np.sort(np.array(found, dtype=np.intp))
 
@@ -57,9 +66,9 @@ def _excess_at_end(t: Array, y: Array, noise: Array) -> Array:
     The slope after the interval is that of the next sample, or for the very last one any that is
     usual in the recording.
     """
-    width = SETTINGS.sides[0]
+    width = _SIDES[0]
     slopes = np.diff(y, axis=0) / np.diff(t)[:, None]
-    usual = np.quantile(slopes, SETTINGS.usual, axis=0)
+    usual = np.quantile(slopes, _USUAL, axis=0)
     excess = np.zeros(width - 1)
     for place in range(width - 1):
         k = len(t) - width + place  # the last sample before the interval
@@ -69,9 +78,9 @@ def _excess_at_end(t: Array, y: Array, noise: Array) -> Array:
         )
         after = slopes[k + 1 : k + 2] if k + 2 < len(t) else usual
         turned = np.abs(after - slope).max(axis=0)
-        apart = np.abs(y[k + 1] - value[0]) - 2.0 * SETTINGS.kink * (t[k + 1] - t[k]) * turned
+        apart = np.abs(y[k + 1] - value[0]) - 2.0 * _KINK * (t[k + 1] - t[k]) * turned
         allowed = SETTINGS.beyond_noise * np.sqrt(gain + 1.0) * noise
-        allowed = allowed + SETTINGS.beyond_curvature * left[0] + np.finfo(float).tiny
+        allowed = allowed + _BEYOND_CURVATURE * left[0] + np.finfo(float).tiny
         excess[place] = (apart / allowed).max()
     return excess
 
@@ -85,9 +94,9 @@ def _excess(record: Record, noise: Array, width: int) -> Array:
     left = _parabolas(windows[:n], values[:n], middles)
     right = _parabolas(windows[width : width + n], values[width : width + n], middles)
     durations = (t[width : len(t) - width + 1] - t[width - 1 : len(t) - width])[:, None]
-    apart = np.abs(right[0] - left[0]) - SETTINGS.kink * durations * np.abs(right[1] - left[1])
+    apart = np.abs(right[0] - left[0]) - _KINK * durations * np.abs(right[1] - left[1])
     of_noise = SETTINGS.beyond_noise * np.sqrt(left[3] + right[3])[:, None] * noise
-    of_curvature = SETTINGS.beyond_curvature * np.maximum(left[2], right[2])
+    of_curvature = _BEYOND_CURVATURE * np.maximum(left[2], right[2])
     return np.asarray((apart / (of_noise + of_curvature + np.finfo(float).tiny)).max(axis=1))
 
 

@@ -38,6 +38,10 @@ from swsysid._data.coordinates import Monomials
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program
 
+# Nats that a step beyond a guard costs; rows that enter the program at once, and how often more do.
+_SLACK_PRICE = 5.0
+_FIRST_ROWS, _TURNS_OF_ROWS = 60, 8
+
 
 @dataclass(frozen=True)
 class Sides:
@@ -105,7 +109,7 @@ def _stated(guard: PolynomialGuard, sides: Sides) -> FoundGuard | None:
     scaled = PolynomialGuard(guard.coef / rising, guard.powers)
     wrong = np.maximum(0.0, scaled.values(sides.below)).sum()
     wrong += np.maximum(0.0, -scaled.values(sides.above)).sum()
-    cost = SETTINGS.slack_price * wrong
+    cost = _SLACK_PRICE * wrong
     misses = _missed(scaled, sides.reached)
     return FoundGuard(scaled, float(cost), misses, used, *_between(scaled, sides))
 
@@ -131,7 +135,7 @@ def _guard_of(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard |
     wrong = np.maximum(0.0, below @ coef).sum() + np.maximum(0.0, -(above @ coef)).sum()
     # at zero a transition is taken, and a step beyond it is no more wrong
     at_zero = np.count_nonzero(np.abs(below @ coef) <= SETTINGS.exact)
-    cost = SETTINGS.slack_price * wrong + SETTINGS.unexplained * at_zero
+    cost = _SLACK_PRICE * wrong + SETTINGS.unexplained * at_zero
     cost += basis.price(len(seen), int((~seen).sum()), SETTINGS.unexplained, chance=1.0)
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
@@ -173,11 +177,11 @@ def _separating(below: Array, above: Array, rising: Array) -> Array | None:
     coef, margin = rising / (rising @ rising), np.inf
     sides = [-below, above]
     used = [np.zeros(len(side), dtype=bool) for side in sides]
-    for _ in range(SETTINGS.turns_of_rows):
+    for _ in range(_TURNS_OF_ROWS):
         n_used = sum(own.sum() for own in used)
         for side, own in zip(sides, used, strict=True):
             values = np.where(own, np.inf, side @ coef)
-            nearest = np.argsort(values, kind="stable")[: SETTINGS.first_rows]
+            nearest = np.argsort(values, kind="stable")[:_FIRST_ROWS]
             own[nearest[values[nearest] < margin]] = True
         if sum(own.sum() for own in used) == n_used:
             break
@@ -193,7 +197,7 @@ def _program(signed: Array, rising: Array) -> tuple[Array, float] | None:
     """Coefficients and margin of some rows."""
     n, n_terms = signed.shape
     done = linear_program(
-        np.concatenate([np.zeros(n_terms), [-1.0], np.full(n, SETTINGS.slack_price)]),
+        np.concatenate([np.zeros(n_terms), [-1.0], np.full(n, _SLACK_PRICE)]),
         A_ub=np.hstack([-signed, np.ones((n, 1)), -np.eye(n)]),
         b_ub=np.zeros(n),
         A_eq=np.concatenate([rising, np.zeros(n + 1)])[None, :],

@@ -1,15 +1,18 @@
-"""The automaton of highest likelihood: laws, guards and resets refined together."""
+"""The automaton of highest likelihood: laws, guards and resets refined together.
+
+They begin with the ways of the recordings through its modes, their courses.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.apart import by_samples
 from swsysid._automaton_search.assembly import Assembled, assembled
-from swsysid._automaton_search.courses import Course, nodes_of
+from swsysid._automaton_search.cutting import by_samples
 from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import missed_by
@@ -19,14 +22,19 @@ from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollou
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
 from swsysid._automaton_search.transition_guards import TransitionGuards
+from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces
+from swsysid._stays.recordings import Recordings
 from swsysid._stays.resets import Resets
 from swsysid._stays.settings import StaySettings
+from swsysid._stays.stays import Stays
+
+_WORSE = 0.05  # part by which rollouts of the recordings may be worse by chance
 
 
 def refined(
@@ -52,7 +60,7 @@ def refined(
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
     rolled_after = free.misfit(noise)
     likely = joint.value_after <= joint.value_before + settings.converged
-    kept = likely and rolled_after <= (1.0 + SETTINGS.worse) * rolled_before
+    kept = likely and rolled_after <= (1.0 + _WORSE) * rolled_before
     told = _judged_by_rollouts(told, free, joint, interval)
     after = assembled(told, feature_map, interval)
     return (told if kept else parts), AutomatonRefinement(
@@ -247,3 +255,69 @@ def told_jointly(
             FoundTransition(*one.pair, recording[own], times, guard, reset, one.forestalled)
         )
     return Told(estimate.laws.coef, transitions, modes, states, estimate.left)
+
+
+@dataclass(frozen=True)
+class Course(Stays):
+    """Stays with the transitions between them, none of which is ever given up."""
+
+    numbers: NDArray[np.intp]  # (n_stays - 1,): of the transitions
+    guarded: NDArray[np.bool_]  # (n_stays - 1,): whether the guard tells the instant
+    window: Array  # (n_stays - 1, 2): times between which each instant certainly is
+
+    @property
+    def transitions(self) -> NDArray[np.intp]:
+        """Number of the transition at each instant."""
+        return self.numbers
+
+    @property
+    def told_by(self) -> NDArray[np.intp]:
+        """Number of the transition whose guard tells each instant, -1 for none."""
+        return np.where(self.guarded, self.numbers, -1)
+
+    @property
+    def bounds(self) -> Array:
+        """Times between which each instant must stay, (n_stays - 1, 2)."""
+        return self.window
+
+    def names(self, t: Array) -> NDArray[np.intp]:
+        """What tells a stay from its neighbours, at any times: its number."""
+        return np.searchsorted(self.instants, t)
+
+    def moved(self, instants: Array, t: Array) -> Course:
+        """The same with other instants, at most one between two of the times.
+
+        Those that would come to others stay in the interval in which they are.
+        """
+        first, last = self.window.T
+        instants = np.clip(instants, first, np.maximum(first, np.nextafter(last, first)))
+        instants = np.clip(instants, t[0], np.nextafter(t[-1], t[0]))
+        own = np.minimum(np.searchsorted(t, self.instants, side="right"), len(t) - 1) - 1
+        held = np.clip(instants, t[own], np.nextafter(t[own + 1], t[0]))
+        while True:
+            cells = np.searchsorted(t, instants, side="right") - 1
+            meets = np.diff(cells) <= 0
+            meets = (np.append(meets, False) | np.append(False, meets)) & (instants != held)
+            if not meets.any():
+                return replace(self, instants=instants)
+            instants = np.where(meets, held, instants)
+
+
+def nodes_of(
+    courses: Sequence[Course],
+    records: Sequence[Record],
+    guess: Sequence[Array],
+    per_sample: int,
+    first_step: float,
+) -> Nodes:
+    """Nodes of courses: at their samples, in steps between, and between two switches of a step.
+
+    Of each interval so many parts are nodes, and of these such a part is integrated at once.
+    """
+    between = []
+    for course, record in zip(courses, records, strict=True):
+        cells = np.searchsorted(record.t, course.instants, side="right")
+        together = np.flatnonzero(np.diff(cells) == 0)
+        between.append(0.5 * (course.instants[together] + course.instants[together + 1]))
+    recordings = Recordings.of(records, guess, between).divided(per_sample)
+    return Nodes(replace(recordings, first_step=first_step), courses)

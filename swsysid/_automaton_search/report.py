@@ -11,10 +11,12 @@ from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._automaton_search.doubts import doubts_of, untold_switches
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._discrete_stays.certainty import KindsOfNoise
+from swsysid._discrete_stays.identify import KindsOfNoise
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._rendering.printing import counted
 from swsysid._results import Array
+
+_MOST_UNEXPLAINED = 0.05  # samples that follow no law
 
 
 @dataclass(frozen=True, repr=False)
@@ -71,7 +73,7 @@ class AutomatonReport:
                 "try a larger library or more modes."
             )
         unexplained = found.n_unexplained / len(modes)
-        if unexplained > SETTINGS.most_unexplained:
+        if unexplained > _MOST_UNEXPLAINED:
             untold.append(
                 f"{unexplained:.0%} of the samples follow none of the laws: a term or a mode "
                 "is missing, or stays are too short to tell theirs; try a larger library, give "

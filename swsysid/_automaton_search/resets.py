@@ -19,7 +19,11 @@ from swsysid._automaton.transitions import AffineReset
 from swsysid._automaton_search.found import FoundReset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._stays.information import covariance_of
+from swsysid._stays.arrow import covariance_of
+
+# Turns of least absolute deviations; errors by which terms must differ.
+_TURNS_OF_DEVIATIONS = 20
+_TOLD_APART = 10.0
 
 
 def best_reset(before: Array, after: Array, errors: Array, held: NDArray[np.intp]) -> FoundReset:
@@ -71,7 +75,7 @@ def _few_terms(
     for count in range(min(most, regressors.shape[1], n // 2) + 1):
         for some in combinations(range(regressors.shape[1]), count):
             terms = np.array(some, dtype=np.intp)
-            if count > 1 and _least_seen(told[:, terms]) < SETTINGS.told_apart:
+            if count > 1 and _least_seen(told[:, terms]) < _TOLD_APART:
                 continue
             coef = _least_deviations(regressors[:, terms], jump)
             left = np.abs(jump - regressors[:, terms] @ coef).mean()
@@ -96,7 +100,7 @@ def _least_deviations(regressors: Array, target: Array) -> Array:
     if not len(coef):
         return coef
     size = max(float(np.abs(target).max()), np.finfo(float).tiny)
-    for _ in range(SETTINGS.turns_of_deviations):
+    for _ in range(_TURNS_OF_DEVIATIONS):
         solved = np.linalg.lstsq(regressors * weights[:, None], target * weights, rcond=None)[0]
         coef = np.asarray(solved, dtype=float)
         left = np.abs(target - regressors @ coef)

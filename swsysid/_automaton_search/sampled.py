@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
-from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import (
@@ -20,8 +20,8 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import UNKNOWN, Certificate, certificate
+from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.errors import AutomatonErrors
-from swsysid._automaton_search.exits import shared_exits
 from swsysid._automaton_search.found import FoundReset, FoundTransition
 from swsysid._automaton_search.judged import (
     Guards,
@@ -33,14 +33,21 @@ from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._discrete_stays.certainty import DiscreteCertainty
-from swsysid._discrete_stays.identify import DiscreteStays, identify_stays, with_guards
-from swsysid._discrete_stays.known_guard import KnownGuard
-from swsysid._discrete_stays.settings import SETTINGS as DISCRETE
+from swsysid._discrete_stays.identify import (
+    DiscreteCertainty,
+    DiscreteStays,
+    identify_stays,
+    with_guards,
+)
+from swsysid._discrete_stays.lagged import KnownGuard
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._results import Array
 from swsysid._stays.given import Given
+
+# Turns of modes and guards; of a spread, what is counted as exact.
+_TURNS_OF_MODES = 6
+_LEAST_NOISE = 1e-6
 
 Pair = tuple[int, int]
 
@@ -61,7 +68,7 @@ def identified(
         library=library,
         n_modes=n_modes,
         channels=given.names,
-        settings=replace(DISCRETE, most_modes=max_modes),
+        max_modes=max_modes,
     )
     rows, transitions = _agreeing(ModeRows(stays, given), degree)
     stays, sure = rows.stays, DiscreteCertainty.of(rows.stays)
@@ -153,7 +160,7 @@ def _agreeing(rows: ModeRows, degree: int) -> tuple[ModeRows, list[FoundTransiti
     """Modes and guards in turn, until modes stay or are no likelier than before."""
     found = transitions_of(rows, degree)
     before = -np.inf
-    for turn in range(SETTINGS.turns_of_modes):
+    for turn in range(_TURNS_OF_MODES):
         guards = [
             KnownGuard(one.source, one.target, one.guard.guard, 1.0 / (len(one) + 1.0))
             for one in found
@@ -212,7 +219,7 @@ def _reset(taken: Taken, rows: ModeRows) -> FoundReset | None:
     if taken.jumped.mean() <= 0.5:
         return None
     n_states = rows.stays.rows.n_states
-    least = SETTINGS.least_noise * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
+    least = _LEAST_NOISE * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
     errors = SETTINGS.end_of_stay * np.maximum(rows.stays.noise, least)
     none = np.zeros(0, dtype=np.intp)
     return best_reset(taken.given[:, :n_states], taken.after, errors, none)

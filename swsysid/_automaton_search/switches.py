@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.trajectories import AT_ONCE
 from swsysid._results import Array
 from swsysid._stays.certainty import certainty
 from swsysid._stays.flow import crossings_of
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.intervals import flow
 from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.pieces import Pieces
 from swsysid._stays.samples import modes_of, states_of
@@ -78,16 +78,8 @@ class Switches:
         """States some time after known ones, by the laws of modes; the time may be negative."""
         n_states = len(laws.spread)
         x, u = columns[:, :n_states], columns[:, n_states:]
-        return flown(laws, modes, x, u, self._slopes(n_states), durations)
-
-
-def flown(laws: Laws, modes: Modes, x: Array, u: Array, slopes: Array, durations: Array) -> Array:
-    """States some time after others, by the laws of modes; the time may be negative."""
-    step = durations / SETTINGS.steps
-    for _ in range(SETTINGS.steps):
-        after = u + step[:, None] * slopes
-        x, u = laws.step(modes, x, u, after, step), after
-    return x
+        after = u + durations[:, None] * self._slopes(n_states)
+        return flow(laws, modes, x, u, after, durations)
 
 
 @dataclass(frozen=True)

@@ -1,47 +1,51 @@
-"""All transitions of an identification on stays: one for each pair of modes that follow."""
+"""All transitions of an identification on stays: one for each pair of modes that follow.
+
+They are urgent: where the guard of a transition that is taken often has been passed, or is
+about to be, a rare one from the same mode cannot be taken instead: what looks like it is a stay in
+between that was too brief to be told. It is told where the automaton knows the way.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
-from swsysid._automaton_search.guards import StatedGuard, surface_both_ways
+from swsysid._automaton_search.guards import GuardTerms, missed_by, surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
+from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.laws import Laws
 from swsysid._stays.pieces import Pieces
+from swsysid._stays.settings import StaySettings
+from swsysid._stays.stays import Stays
+
+# How often a transition is taken for each time of one that it forestalls, and intervals before
+# which its guard is about to be passed.
+_MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 
 
-def transitions_of(
-    stays: StayIdentification,
-    pieces: Pieces,
-    degree: int,
-    stated: Mapping[tuple[int, int], StatedGuard] = MappingProxyType({}),
-) -> list[Settled]:
-    """Guards, resets and instants of all transitions; some guards may be known."""
-    found = _settled(stays, switches_of(stays, pieces), degree, stated)
+def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
+    """Guards, resets and instants of all transitions."""
+    found = _settled(stays, switches_of(stays, pieces), terms)
     began = np.full(len(pieces.first), np.nan)
     for one in found:
         own = one.switches
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        found = _settled(stays, switches_of(stays, pieces, began), degree, stated)
+        found = _settled(stays, switches_of(stays, pieces, began), terms)
     return found
 
 
 def _settled(
-    stays: StayIdentification,
-    told: tuple[Switches, Visits],
-    degree: int,
-    stated: Mapping[tuple[int, int], StatedGuard],
+    stays: StayIdentification, told: tuple[Switches, Visits], terms: GuardTerms
 ) -> list[Settled]:
     switches, visits = told
     interval = stays.estimate.nodes.recordings.interval
-    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, degree, stated)
+    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, terms)
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
         (source, target): settled(
@@ -50,7 +54,7 @@ def _settled(
         for source, target in pairs
     }
     for source, target in pairs:
-        if source < target and (target, source) in found and not stated:
+        if source < target and (target, source) in found:
             both = found[source, target], found[target, source]
             found[source, target], found[target, source] = _of_one_surface(*both, known)
     return list(found.values())
@@ -61,10 +65,69 @@ def _of_one_surface(there: Settled, back: Settled, known: Known) -> tuple[Settle
     if there.guard is None or back.guard is None or there.reset or back.reset:
         return there, back
     both = known.crossed(there.switches), known.crossed(back.switches)
-    surface = surface_both_ways(*both, known.degree)
+    surface = surface_both_ways(*both, known.terms.degree)
     if surface is None:
         return there, back
     up, down = surface
     if up.cost > there.guard.cost + back.guard.cost:
-        return replace(there, shared=up), replace(back, shared=down)
-    return replace(there, guard=up, shared=up), replace(back, guard=down, shared=down)
+        return there, back
+    return replace(there, guard=up), replace(back, guard=down)
+
+
+def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settled]:
+    """The transitions, those that another one forestalls without their guard."""
+    laws, interval = stays.estimate.laws, stays.estimate.nodes.recordings.interval
+    return [
+        one
+        if _forestalling(one, found, laws, interval) is None
+        else replace(one, guard=None, forestalled=True)
+        for one in found
+    ]
+
+
+def with_brief_stays(
+    found: Sequence[Settled], stays: StayIdentification, settings: StaySettings
+) -> StayIdentification | None:
+    """The stays with those in between told; None if there are none."""
+    estimate, recordings = stays.estimate, stays.estimate.nodes.recordings
+    pairs = {one.pair for one in found}
+    between = {}
+    for one in found:
+        other = _forestalling(one, found, estimate.laws, recordings.interval)
+        if other is not None and (other.pair[1], one.pair[1]) in pairs:
+            between[one.pair] = other.pair[1]
+    told = [_with(own, between, recordings.interval) for own in estimate.nodes.stays]
+    if all(one is own for one, own in zip(told, estimate.nodes.stays, strict=True)):
+        return None
+    within = [own.within(t) for own, t in zip(told, recordings.times, strict=True)]
+    first = replace(estimate, nodes=estimate.nodes.with_stays(within))
+    return replace(stays, reached=most_likely(first, stays.reached.noise, settings, near=True))
+
+
+def _with(stays: Stays, between: dict[tuple[int, int], int], duration: float) -> Stays:
+    """Stays of one recording with brief ones in some modes between others."""
+    modes, instants = [int(stays.modes[0])], []
+    for mode, instant in zip(stays.modes[1:].tolist(), stays.instants.tolist(), strict=True):
+        brief = between.get((modes[-1], mode))
+        if brief is None:
+            instants.append(instant)
+        else:
+            modes.append(brief)
+            instants += [instant - 0.5 * duration, instant + 0.5 * duration]
+        modes.append(mode)
+    return stays if len(modes) == len(stays.modes) else Stays(np.array(modes), np.array(instants))
+
+
+def _forestalling(
+    rare: Settled, found: Sequence[Settled], laws: Laws, interval: float
+) -> Settled | None:
+    """The transition whose guard has been passed at most switches of another, nearly."""
+    for often in found:
+        same = often.pair[0] == rare.pair[0]
+        more = len(often.switches) >= _MORE_OFTEN * len(rare.switches)
+        if same and more and often.guard is not None and often.guard.tells(interval):
+            passed = missed_by(often.guard.guard, *rare.switches.before(laws))
+            known = passed[np.isfinite(passed)]
+            if len(known) and np.mean(known > -_ABOUT_TO * interval) > 0.5:
+                return often
+    return None

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from swsysid._automaton_regressor import HybridAutomatonRegressor
-from swsysid._automaton_search.judged import judged_on
-from swsysid._automaton_search.scores import rollout_score
+from swsysid._automaton_search.judged import judged_on, rollout_score
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.saving import save_automaton

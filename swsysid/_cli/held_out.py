@@ -18,9 +18,8 @@ from swsysid._cli.verdict import Split, hold_out
 from swsysid._data.recordings import Record
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._results import Array, SolverError
-from swsysid._stays.given import read_given
+from swsysid._stays.given import read_given, without_clipped
 from swsysid._stays.pieces import between_jumps
-from swsysid._stays.sensors import without_clipped
 from swsysid._stays.start import differentiated
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 

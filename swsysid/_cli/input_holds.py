@@ -10,11 +10,10 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.recorded import Recorded
 from swsysid._cli.samples import Samples
 from swsysid._cli.terms import Terms
-from swsysid._data.input_steps import Hold
-from swsysid._stays.given import read_given
+from swsysid._data.recordings import Hold
+from swsysid._stays.given import read_given, without_clipped
 from swsysid._stays.input_holds import hold_sentence, holds_of
 from swsysid._stays.pieces import between_jumps
-from swsysid._stays.sensors import without_clipped
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 
 

@@ -6,7 +6,7 @@ units; all else in this package asks for checked rows in one order.
 *In*: what users hand in. *Out*: `RowBlocks`, `Records`, features.
 
 In reading order: `sources` (where rows come from), `rows` (their canonical order), `sampling`,
-`trajectories` (rows of recordings), `input_steps` (where their inputs step), `recordings` (one of
-them), `records` (with inputs, signals and times), `windows` (local polynomials along them),
+`trajectories` (rows of recordings), `recordings` (one of them, and where its inputs step),
+`records` (with inputs, signals and times), `windows` (local polynomials along them),
 `coordinates` and `features` (columns made of columns).
 """

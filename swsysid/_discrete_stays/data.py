@@ -12,8 +12,11 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.trajectories import spread
 from swsysid._discrete_stays.lagged import Labels, LaggedRows
 from swsysid._discrete_stays.rows import RowProblem
-from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._results import Array
+
+# Rows in which starts are compared, in pieces of so many in a row.
+_MOST_SEARCHED, _PIECE = 4000, 200
+FARTHEST = 10.0  # of the largest state: one further off is given up
 
 
 @dataclass(frozen=True)
@@ -26,25 +29,22 @@ class DiscreteData:
     feature_unit: Array  # (n_features,): root mean square, 1 where it is zero
     target_unit: Array  # (n_states,): deviation
     memory: Labels  # (n_features,): the longest lag that each sees
-    settings: DiscreteSettings
 
     @classmethod
-    def of(
-        cls, rows: LaggedRows, feature_map: FeatureMap, settings: DiscreteSettings
-    ) -> DiscreteData:
+    def of(cls, rows: LaggedRows, feature_map: FeatureMap) -> DiscreteData:
         """Rows with the units that they ask for."""
         features = feature_map(rows.columns)
         size = np.sqrt(np.square(features).mean(axis=0))
         unit = np.where(size > 0.0, size, 1.0)
         memory = _memory(rows, feature_map)
-        return cls(rows, feature_map, features, unit, spread(rows.targets), memory, settings)
+        return cls(rows, feature_map, features, unit, spread(rows.targets), memory)
 
     @cached_property
     def problem(self) -> RowProblem:
         """Features, targets and stretches of the rows."""
         features = self.row_features / self.feature_unit
         targets = self.rows.targets / self.target_unit
-        return RowProblem(features, targets, self.rows.begins, self.memory, self.settings)
+        return RowProblem(features, targets, self.rows.begins, self.memory)
 
     @cached_property
     def column_unit(self) -> Array:
@@ -77,14 +77,14 @@ class DiscreteData:
 
     def part(self) -> DiscreteData:
         """Pieces of the recordings that are enough to compare laws, spread over all of them."""
-        n, settings = len(self.rows), self.settings
-        if n <= settings.most_searched:
+        n = len(self.rows)
+        if n <= _MOST_SEARCHED:
             return self
         place, stretch = self.problem.places
-        pieces = np.column_stack([stretch, place // settings.piece])
+        pieces = np.column_stack([stretch, place // _PIECE])
         piece = np.unique(pieces, axis=0, return_inverse=True)[1].ravel()
         n_pieces = int(piece.max()) + 1
-        count = max(1, settings.most_searched * n_pieces // n)
+        count = max(1, _MOST_SEARCHED * n_pieces // n)
         kept = np.linspace(0, n_pieces - 1, count).round().astype(int)
         return self.take(np.flatnonzero(np.isin(piece, kept)))
 

@@ -1,4 +1,7 @@
-"""Laws and stays of recordings in discrete time, with memory: from recordings to the answer."""
+"""Laws and stays of recordings in discrete time, with memory: from recordings to the answer.
+
+With it, how certain laws are and which of both noises they were estimated from.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,11 @@ from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
 from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
-from swsysid._discrete_stays.known_guard import KnownGuard
-from swsysid._discrete_stays.lagged import Labels, LaggedRows, lagged_rows
+from swsysid._discrete_stays.lagged import KnownGuard, Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
+from swsysid._discrete_stays.noises import NoiseProfile
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
+from swsysid._discrete_stays.rows import RowFit, RowProblem
 from swsysid._discrete_stays.search import (
     DiscreteCandidate,
     Found,
@@ -24,9 +28,11 @@ from swsysid._discrete_stays.search import (
     StaySearch,
     lasting_only,
 )
-from swsysid._discrete_stays.settings import SETTINGS, DiscreteSettings
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
+from swsysid._stays.arrow import covariance_of
+
+_AS_LIKELY = 2.0  # nats by which one kind of noise may be worse and be all: two deviations
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,8 @@ def identify_stays(
     library: object = None,
     n_modes: int | str = "auto",
     channels: Sequence[str] | None = None,
-    settings: DiscreteSettings = SETTINGS,
+    max_modes: int = 6,
+    most_lags: int = 4,
 ) -> DiscreteStays:
     """Laws and stays of recordings of a system that switches at samples.
 
@@ -106,7 +113,8 @@ def identify_stays(
         If the recordings do not tell so many apart the answer has fewer.
     channels : sequence of str, default=None
         Names of the states and inputs.
-    settings : DiscreteSettings
+    max_modes, most_lags : int
+        Where they are to be found.
 
     Returns
     -------
@@ -141,13 +149,13 @@ def identify_stays(
     def searched(lags: int) -> Searched:
         rows = lagged_rows(ordered, lags, channels)
         feature_map = FeatureMap(library, rows.columns, rows.names)
-        data = DiscreteData.of(rows, feature_map, settings)
-        return StaySearch(data).best(None if n_modes == "auto" else int(n_modes))
+        search = StaySearch(DiscreteData.of(rows, feature_map), max_modes)
+        return search.best(None if n_modes == "auto" else int(n_modes))
 
     if lags != "auto":
         one = searched(int(lags))
         return _answer(one, np.full(len(one.found.coef), lags), (), shapes, order)
-    chosen, tried = choose_lags(searched, settings)
+    chosen, tried = choose_lags(searched, most_lags)
     one, own = with_own_orders(searched(chosen))
     return _answer(one, own, tried, shapes, order)
 
@@ -219,3 +227,79 @@ def _answer(
         order=order,
         names=names,
     )
+
+
+@dataclass(frozen=True)
+class KindsOfNoise:
+    """Noise that a sensor adds, noise in the equation, and what the laws would be by either alone.
+
+    Attributes
+    ----------
+    sensor, equation : ndarray of shape (n_states,)
+        Standard deviations.
+    sensor_alone, equation_alone : float
+        Nats by which the rows are less likely if there is no other noise.
+    laws_of_sensor, laws_of_equation : ndarray of shape (n_modes, n_states, n_features_out)
+        Laws in that case.
+    """
+
+    sensor: Array
+    equation: Array
+    sensor_alone: float
+    equation_alone: float
+    laws_of_sensor: Array
+    laws_of_equation: Array
+
+    @property
+    def sizes(self) -> tuple[Array, Array]:
+        """Of the sensor and in the equation."""
+        return self.sensor, self.equation
+
+    @property
+    def drives(self) -> bool:
+        """Whether there is noise in the equation for sure."""
+        return self.sensor_alone > _AS_LIKELY
+
+    @property
+    def senses(self) -> bool:
+        """Whether there is noise of the sensor for sure."""
+        return self.equation_alone > _AS_LIKELY
+
+
+@dataclass(frozen=True)
+class DiscreteCertainty:
+    """Standard errors of laws in the user's units, infinite where the rows say nothing."""
+
+    coef: Array  # (n_modes, n_states, n_features)
+    noises: KindsOfNoise | None  # None where rows are exact
+
+    @classmethod
+    def of(cls, stays: DiscreteStays) -> DiscreteCertainty:
+        """That of an identification."""
+        found, data, names = stays.searched.found, stays.searched.data, stays.names
+        if found.states is None:
+            variance = _variance_by_rows(data.problem, found.fit)
+            return cls(data.coef(np.sqrt(variance))[names], None)
+        profile = NoiseProfile.of(data, found.fit, found.states)
+        sensor = found.states.noise * data.target_unit
+        noises = KindsOfNoise(
+            sensor,
+            found.states.tie * sensor,
+            float(profile.nats[0]),
+            float(profile.nats[-1]),
+            data.coef(profile.coef[0])[names],
+            data.coef(profile.coef[-1])[names],
+        )
+        return cls(data.coef(np.sqrt(profile.variance))[names], noises)
+
+
+def _variance_by_rows(problem: RowProblem, fit: RowFit) -> Array:
+    """Of laws of least squares; features that see further back than a law are none of it."""
+    variance = np.zeros(fit.coef.shape)
+    for mode, law in enumerate(fit.coef):
+        longest = problem.memory[law.any(axis=0)].max(initial=0)
+        used = problem.memory <= longest
+        features = problem.features[fit.lawful == mode][:, used]
+        told = np.diag(covariance_of(features.T @ features))
+        variance[mode][:, used] = np.outer(np.square(fit.scale[mode]), told)
+    return variance

@@ -1,4 +1,4 @@
-"""Rows of recordings with their lags: what a law with memory sees, and what it must give."""
+"""Rows of recordings with their lags: what laws with memory see and must give, guards ask."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.columns import CLOCKS
+from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._data.recordings import Record
 from swsysid._results import Array
 
@@ -126,3 +128,23 @@ def _names(record: Record, lags: int, channels: Sequence[str] | None) -> tuple[s
     times = ["[k]", *(f"[k-{lag}]" for lag in range(1, lags + 1))]
     blocks = channels[:n_states], channels[n_states:]
     return tuple(name + time for block in blocks for time in times for name in block)
+
+
+@dataclass(frozen=True)
+class KnownGuard:
+    """The guard of one transition without a clock, in the units of the user."""
+
+    source: int
+    target: int
+    guard: PolynomialGuard
+    width: float  # by how much its zero may be off, in units of its values
+
+    @property
+    def reads_clocks(self) -> bool:
+        """True if it is of dwell or time, which no row knows."""
+        return bool(self.guard.powers[:, -len(CLOCKS) :].any())
+
+    def values(self, columns: Array) -> Array:
+        """Values at rows of columns without clocks."""
+        clocks = np.zeros((len(columns), len(CLOCKS)))
+        return self.guard.values(np.hstack([columns, clocks]))

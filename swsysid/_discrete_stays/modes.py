@@ -1,7 +1,18 @@
-"""Modes of rows by the filter of their states: for known laws and noise where it was measured.
+r"""Modes of rows by the filter of their states: for known laws and noise where it was measured.
 
 A row by itself says little where noise is as large as what tells two laws apart. The filter knows
 the states from all rows before, so that a mode shows in where the states go.
+
+A transition is as likely as any, or where its guard says. At a row in mode i the guard of i -> j is
+not below zero with probability
+
+.. math:: P_{ij} = \Phi\Big( \frac{g_{ij}(c)}{\sqrt{\nabla g_{ij}^\top \Sigma\, \nabla g_{ij}
+          + w_{ij}^2}} \Big)
+
+where :math:`\Sigma` is the covariance of what is known of the states and :math:`w_{ij}` how well
+the guard itself is known. One transition without a guard is as likely as a switch is at any row. A
+mode is left by one of its transitions or by none; and guards are doubted a little, for a plant may
+do what they do not say.
 """
 
 from __future__ import annotations
@@ -10,10 +21,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
-from swsysid._discrete_stays.data import DiscreteData
-from swsysid._discrete_stays.known_guard import KnownGuard
+from swsysid._data.recordings import Record
+from swsysid._discrete_stays.data import FARTHEST, DiscreteData
+from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._discrete_stays.rows import (
+    UNEXPLAINED,
     RowFit,
     as_fit,
     assigned,
@@ -22,12 +36,16 @@ from swsysid._discrete_stays.rows import (
     switching_of,
 )
 from swsysid._discrete_stays.states import StateFit
-from swsysid._discrete_stays.switching import Switching
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief
 from swsysid._stays.laws import Laws, Modes, slopes_of
 from swsysid._stays.recordings import Recordings
+
+# Rows that are decoded side by side, those more to both sides in which a hypothesis settles, and
+# hypotheses of a piece.
+_DECODED, _OVERLAP, _N_KEPT = 60, 15, 4
+_DOUBT = 0.01  # probability that a row does what no guard says
 
 
 def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit, float]:
@@ -37,14 +55,19 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
     scale = scale_of(problem, found.coef, np.where(unexplained, -1, fit.modes))
     modes = assigned(problem, found.coef, scale, fit.switching).modes
     if len(found.coef) > 1 and not unexplained.all():
-        pieces = _pieces(data, unexplained)
-        side_by_side = _side_by_side(data, pieces)
+        inside = ~unexplained
+        begins = inside & (data.rows.begins | np.append(True, unexplained[:-1]))
+        ends = inside & np.append((data.rows.begins | unexplained)[1:], True)
+        first = np.flatnonzero(begins)
+        recordings = _stretches(data, first, np.flatnonzero(ends) + 1)
+        side_by_side, pieces = recordings.cut(_DECODED, _OVERLAP)
+        # the first row of a piece tells all lagged states, the others the newest
+        side_by_side.y[1:, :, data.rows.n_states :] = np.nan
         maps = MapFilter.of(data, found, fit.switching, fit.guards, side_by_side.u)
-        decoded = decode(maps, side_by_side, price=0.0, n_kept=data.settings.n_kept)
+        decoded = decode(maps, side_by_side, price=0.0, n_kept=_N_KEPT)
         likelihood = float(decoded.log_likelihood.sum())
-        for place, piece in enumerate(pieces):
-            inner = slice(piece.first - piece.begin, piece.last - piece.begin)
-            modes[piece.first : piece.last] = decoded.modes[inner, place]
+        found_modes = recordings.of_pieces(decoded.modes, pieces)
+        modes[inside] = found_modes.T[recordings.steps.T > 0.0]
     switching = switching_of(np.where(unexplained, -1, modes), problem)
     costs = row_costs(problem, found.coef, scale)
     again = replace(
@@ -80,52 +103,19 @@ def _unexplained(data: DiscreteData, fit: RowFit, found: StateFit) -> NDArray[np
     left = found.states[found.back[rows, 0]] - features @ found.coef.transpose(0, 2, 1)
     by_noise = 0.5 * np.square(left / fit.scale[:, None]) + np.log(fit.scale)[:, None]
     nats[rows] = by_noise.sum(axis=2).min(axis=0)
-    return np.asarray(nats > -np.log(data.settings.unexplained))
+    return np.asarray(nats > -np.log(UNEXPLAINED))
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Rows `first` to `last`, and those from `begin` to `end` that surround them."""
-
-    begin: int
-    first: int
-    last: int
-    end: int
-
-
-def _pieces(data: DiscreteData, unexplained: NDArray[np.bool_]) -> list[_Piece]:
-    """Stretches of explained rows, long ones in pieces that overlap."""
-    settings, inside = data.settings, ~unexplained
-    begins = inside & (data.rows.begins | np.append(True, unexplained[:-1]))
-    ends = inside & np.append((data.rows.begins | unexplained)[1:], True)
-    pieces = []
-    for begin, end in zip(np.flatnonzero(begins), np.flatnonzero(ends) + 1, strict=True):
-        count = max(1, round((end - begin) / settings.decoded))
-        edges = np.linspace(begin, end, count + 1).round().astype(int).tolist()
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
-            around = max(begin, first - settings.overlap), min(end, last + settings.overlap)
-            pieces.append(_Piece(around[0], first, last, around[1]))
-    return pieces
-
-
-def _side_by_side(data: DiscreteData, pieces: list[_Piece]) -> Recordings:
-    """Lagged states of the pieces: the first row tells all of them, the others the newest."""
-    rows, n = data.rows, data.rows.n_states
-    n_lagged, longest = n * (rows.lags + 1), max(piece.end - piece.begin for piece in pieces)
-    measured = rows.columns[:, :n_lagged] / data.column_unit[:n_lagged]
-    steps = np.zeros((longest, len(pieces)))
-    y = np.full((longest + 1, len(pieces), n_lagged), np.nan)
-    u = np.zeros((longest + 1, len(pieces), rows.columns.shape[1] - n_lagged))
-    for place, piece in enumerate(pieces):
-        own, count = slice(piece.begin, piece.end), piece.end - piece.begin
-        steps[:count, place] = 1.0
-        y[0, place] = measured[piece.begin]
-        y[1 : count + 1, place, :n] = rows.targets[own] / data.target_unit
-        u[:count, place] = rows.columns[own, n_lagged:]
-    guess = np.nan_to_num(y)
-    times = tuple(np.arange(piece.end - piece.begin + 1.0) for piece in pieces)
-    sampled = tuple(np.arange(len(t)) for t in times)
-    return Recordings(times, sampled, steps, y, u, guess, first_step=1.0)
+def _stretches(data: DiscreteData, first: Labels, end: Labels) -> Recordings:
+    """Lagged states of stretches of rows as recordings, and what follows the last row."""
+    n, n_lagged, records = data.rows.n_states, data.n_lagged, []
+    targets = data.rows.targets / data.target_unit
+    for rows in map(slice, first, end):
+        states, u = data.columns[rows, :n_lagged], data.columns[rows, n_lagged:]
+        after = np.concatenate([targets[rows][-1], states[-1, : n_lagged - n]])
+        t = np.arange(len(states) + 1.0)
+        records.append(Record(t, np.vstack([states, after]), np.vstack([u, u[-1:]])))
+    return Recordings.of(records)
 
 
 @dataclass(frozen=True)
@@ -152,7 +142,7 @@ class MapFilter:
         n, memory = data.rows.n_states, data.rows.lags + 1
         laws = Laws(found.coef, data.features, np.ones(n * memory), np.zeros_like(found.coef) > 0)
         disturbance = np.zeros(n * memory)
-        farthest = data.settings.farthest * float(np.abs(found.states).max())
+        farthest = FARTHEST * float(np.abs(found.states).max())
         disturbance[:n] = found.tie * found.noise
         switching = Switching.of(data, len(found.coef), probability, guards)
         return cls(laws, np.tile(found.noise, memory), disturbance, u, switching, farthest)
@@ -194,3 +184,51 @@ class MapFilter:
             covariance.transpose(2, 3, 0, 1).reshape(n_columns, n_columns, *shape),
         )
         return ahead, nats
+
+
+@dataclass(frozen=True)
+class Switching:
+    """Log probabilities of going on in a mode or entering another one."""
+
+    n_modes: int
+    probability: float  # of a switch at any row
+    guards: tuple[KnownGuard, ...]
+    unit: Array  # of the columns
+    doubt: float  # probability that a row does what no guard says
+
+    @classmethod
+    def of(
+        cls, data: DiscreteData, n_modes: int, probability: float, guards: tuple[KnownGuard, ...]
+    ) -> Switching:
+        """Those of some guards, for columns in the units of the data."""
+        told = tuple(one for one in guards if not one.reads_clocks)
+        return cls(n_modes, probability, told, data.column_unit, _DOUBT)
+
+    def nats(self, old: Modes, new: Modes, mean: Array, covariance: Array, u: Array) -> Array:
+        """Of rows with known lagged states, each from one mode to another or the same."""
+        rows = np.arange(len(old))
+        often = np.full((len(old), self.n_modes), self.probability / max(1, self.n_modes - 1))
+        often[rows, old] = 1.0 - self.probability
+        if not self.guards:
+            return np.asarray(np.log(often[rows, new]))
+        leaves = often.copy()
+        for one, value, spread in zip(self.guards, *self._values(mean, covariance, u), strict=True):
+            own = old == one.source
+            leaves[own, one.target] = norm.cdf(value[own] / spread[own])
+        leaves[rows, old] = 0.0
+        leaves[rows, old] = np.prod(1.0 - leaves, axis=1)
+        leaves /= leaves.sum(axis=1)[:, None]
+        told = (1.0 - self.doubt) * leaves + self.doubt * often
+        return np.asarray(np.log(told[rows, new]))
+
+    def _values(self, mean: Array, covariance: Array, u: Array) -> tuple[Array, Array]:
+        """Value and deviation of every guard, (n_guards, n_rows) both."""
+
+        def values(columns: Array) -> Array:
+            columns = columns * self.unit
+            return np.column_stack([one.values(columns) for one in self.guards])
+
+        value, slopes = slopes_of(values, np.hstack([mean, u]), np.ones(mean.shape[1]))
+        variance = np.einsum("rgi,rij,rgj->rg", slopes, covariance, slopes)
+        width = np.array([one.width for one in self.guards])
+        return value.T, np.sqrt(variance.clip(0.0) + width**2).T

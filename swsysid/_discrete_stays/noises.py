@@ -20,16 +20,23 @@ from swsysid._discrete_stays.rows import RowFit
 from swsysid._discrete_stays.states import StateFit, law_covariance, with_states
 from swsysid._results import Array
 
+# The disturbance as a share of the noise when they are told apart, from noise of the sensor alone
+# to noise of the equation alone (a ten-thousandth of the variance is the other's), and the steps in
+# which it climbs: likelihoods of 30 to 2000 rows have one summit. Nats that a step must gain.
+_RATIOS = (0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
+_RATIO_STEPS = 10.0**0.5, 10.0**0.125
+_CONVERGED = 0.02
+
 
 def with_own_ratio(data: DiscreteData, fit: RowFit, found: StateFit) -> StateFit:
     """The same modes with the ratio of both noises at which they are likelier than beside it.
 
     The states climb together, then each by itself, which has to be worth a coefficient.
     """
-    n_states, settings = data.rows.n_states, data.settings
+    n_states = data.rows.n_states
     alone = [(one, 1.0) for one in np.eye(n_states)] if n_states > 1 else []
-    for direction, worth in [(np.ones(n_states), settings.converged), *alone]:
-        for step in settings.ratio_steps:
+    for direction, worth in [(np.ones(n_states), _CONVERGED), *alone]:
+        for step in _RATIO_STEPS:
             for way in (step, 1.0 / step):
                 found = _climbed(data, fit, found, way**direction, worth)
     return found
@@ -39,7 +46,7 @@ def _climbed(
     data: DiscreteData, fit: RowFit, found: StateFit, step: Array, worth: float
 ) -> StateFit:
     """The same with ratios as many steps further as are worth it."""
-    least, most = data.settings.ratios[0], data.settings.ratios[-1]
+    least, most = _RATIOS[0], _RATIOS[-1]
     while ((tie := found.tie * step) >= least).all() and (tie <= most).all():
         trial = with_states(data, fit, tie, found)
         if not trial.cost < found.cost - worth:
@@ -73,7 +80,7 @@ class NoiseProfile:
         """That of modes which are known."""
         free = (found.coef != 0.0).any(axis=1)
         # from the best ratio outwards, each from the one beside it
-        ratios = np.asarray(data.settings.ratios)
+        ratios = np.asarray(_RATIOS)
         up = [found]
         for ratio in ratios[ratios > found.tie.max()]:
             up.append(with_states(data, fit, np.full_like(found.tie, ratio), up[-1], free))

@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.data import FARTHEST, DiscreteData
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import fitted
 from swsysid._discrete_stays.search import Found, Searched
-from swsysid._discrete_stays.settings import DiscreteSettings
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
+
+# The share of a recording that is held out, samples after which a rollout begins anew, standard
+# errors by which a longer memory must be better, and the error of a rollout that is rounding.
+_HELD_OUT, _HORIZON, _STANDARD_ERRORS, _EXACT = 0.3, 40, 2.0, 1e-8
 
 
 @dataclass(frozen=True)
@@ -34,18 +37,18 @@ class HeldOut:
     """
 
     def __init__(self, data: DiscreteData, found: Found, first_sample: int):
-        rows, settings = data.rows, data.settings
+        rows = data.rows
         last = np.zeros(int(rows.recording.max()) + 1, dtype=np.intp)
         np.maximum.at(last, rows.recording, rows.sample)
-        border = np.maximum((1.0 - settings.held_out) * last, first_sample).astype(np.intp)
-        counts = (last - border).clip(0) // settings.horizon + 1
+        border = np.maximum((1.0 - _HELD_OUT) * last, first_sample).astype(np.intp)
+        counts = (last - border).clip(0) // _HORIZON + 1
         offsets = np.cumsum(counts) - counts
         along = rows.sample - border[rows.recording]
         self.data, self.found, self.n_stretches = data, found, int(counts.sum())
         self.seen, self.held = np.flatnonzero(along < 0), np.flatnonzero(along >= 0)
         # stretches are of the same samples whatever the lags are
-        self.stretch = (offsets[rows.recording] + along // settings.horizon)[self.held]
-        self.place = (along % settings.horizon)[self.held]
+        self.stretch = (offsets[rows.recording] + along // _HORIZON)[self.held]
+        self.place = (along % _HORIZON)[self.held]
 
     def errors(self, free: NDArray[np.bool_]) -> Array:
         """Mean square of every stretch by laws with the features `free`; NaN where it has no row.
@@ -62,7 +65,7 @@ class HeldOut:
         data, held, n = self.data, self.held, self.data.rows.n_states
         modes, targets = self.found.fit.lawful[held], data.problem.targets[held]
         known, inputs = self.found.lagged_states(data)[held], data.columns[held][:, data.n_lagged :]
-        farthest = data.settings.farthest * float(np.abs(targets).max(initial=1.0))
+        farthest = FARTHEST * float(np.abs(targets).max(initial=1.0))
         begins = (data.rows.begins | np.append(True, self.found.fit.unexplained[:-1]))[held]
         begins |= self.place == 0
         states = np.zeros((self.n_stretches, data.n_lagged))
@@ -81,18 +84,18 @@ class HeldOut:
 
 
 def choose_lags(
-    searched: Callable[[int], Searched], settings: DiscreteSettings
+    searched: Callable[[int], Searched], most: int
 ) -> tuple[int, tuple[LagCandidate, ...]]:
     """The fewest lags whose held-out rollouts are about as good as the best."""
     errors, tried = [], []
-    for lags in settings.lags:
+    for lags in range(most + 1):
         one = searched(lags)
-        held_out = HeldOut(one.data, one.found, max(settings.lags))
+        held_out = HeldOut(one.data, one.found, most)
         errors.append(held_out.errors(_every_feature(one.found)))
         tried.append(LagCandidate(lags, len(one.found.coef), float(np.nanmean(errors[-1]))))
     best = errors[int(np.argmin([one.error for one in tried]))]
-    good = [_as_good(own, best, settings) for own in errors]
-    return settings.lags[good.index(True)], tuple(tried)
+    good = [_as_good(own, best) for own in errors]
+    return good.index(True), tuple(tried)
 
 
 def with_own_orders(searched: Searched) -> tuple[Searched, Labels]:
@@ -104,7 +107,7 @@ def with_own_orders(searched: Searched) -> tuple[Searched, Labels]:
         for fewer in range(data.rows.lags):
             trial = free.copy()
             trial[mode] &= data.memory <= fewer
-            if trial[mode].any() and _as_good(held_out.errors(trial), best, data.settings):
+            if trial[mode].any() and _as_good(held_out.errors(trial), best):
                 free, lags[mode] = trial, fewer
                 break
     if free.all():
@@ -130,10 +133,10 @@ def _every_feature(found: Found) -> NDArray[np.bool_]:
     return np.ones(found.coef[:, 0].shape, dtype=bool)
 
 
-def _as_good(errors: Array, best: Array, settings: DiscreteSettings) -> bool:
+def _as_good(errors: Array, best: Array) -> bool:
     """True if errors of stretches are larger than others by chance or rounding alone."""
     common = np.isfinite(errors) & np.isfinite(best)
     excess = (errors - best)[common]
     chance = excess.std(ddof=1) / np.sqrt(len(excess)) if len(excess) > 1 else 0.0
-    exact = np.square(settings.exact_rollout)
-    return bool(excess.mean() <= max(settings.standard_errors * chance, exact))
+    exact = np.square(_EXACT)
+    return bool(excess.mean() <= max(_STANDARD_ERRORS * chance, exact))

@@ -20,11 +20,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._discrete_stays.known_guard import KnownGuard
-from swsysid._discrete_stays.lagged import Labels
-from swsysid._discrete_stays.settings import DiscreteSettings
+from swsysid._discrete_stays.lagged import KnownGuard, Labels
 from swsysid._noise import robust_scale
 from swsysid._results import Array
+from swsysid._stays.decoding import cheapest_modes
+
+# Of a value: what rounding leaves undecided; of a feature: by which it differs from combinations of
+# others.
+_ROUNDING, _DEPENDENT = 1e-14, 1e-11
+# Probability beforehand of a row that no law explains, and of a switch.
+UNEXPLAINED, SWITCHING = 1e-3, 0.02
+# Alternation: by how much a scale may shrink at once, what it keeps at the end, most rounds.
+_SHRINKS, _SETTLED, _MOST_ROUNDS = 0.1, 0.99, 40
 
 
 @dataclass(frozen=True)
@@ -35,12 +42,11 @@ class RowProblem:
     targets: Array  # (n_rows, n_states)
     begins: NDArray[np.bool_]
     memory: Labels  # (n_features,): the longest lag that each feature sees
-    settings: DiscreteSettings
 
     @cached_property
     def floor(self) -> Array:
         """Residuals that rounding leaves, (n_states,)."""
-        return self.settings.rounding * np.sqrt(np.square(self.targets).mean(axis=0)).clip(1.0)
+        return _ROUNDING * np.sqrt(np.square(self.targets).mean(axis=0)).clip(1.0)
 
     @cached_property
     def places(self) -> tuple[Labels, Labels]:
@@ -83,19 +89,18 @@ class RowFit:
 
 def alternate(problem: RowProblem, coef: Array, free: NDArray[np.bool_] | None = None) -> RowFit:
     """Modes and laws in turn until the modes stay; `free` (n_modes, n_features) are in a law."""
-    settings = problem.settings
     free = np.ones(coef[:, 0].shape, dtype=bool) if free is None else free
     scale = _first_scale(problem, coef)
-    switching, modes, history = settings.switching, None, []
-    for _ in range(settings.most_rounds):
+    switching, modes, history = SWITCHING, None, []
+    for _ in range(_MOST_ROUNDS):
         fit = assigned(problem, coef, scale, switching)
         history.append(fit.cost)
         same = modes is not None and np.array_equal(modes, fit.lawful)
         modes = fit.lawful
         coef = fitted(problem, modes, coef, free)
         reached = scale_of(problem, coef, modes, free.sum(axis=1))
-        settled = same and (reached >= settings.settled * scale).all()
-        scale = reached if same else np.maximum(reached, settings.shrinks * scale)
+        settled = same and (reached >= _SETTLED * scale).all()
+        scale = reached if same else np.maximum(reached, _SHRINKS * scale)
         switching = switching_of(modes, problem)
         if settled:
             break
@@ -130,16 +135,21 @@ def scale_of(problem: RowProblem, coef: Array, modes: Labels, n_free: int | NDAr
 def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -> RowFit:
     """The most likely modes for given laws."""
     costs = row_costs(problem, coef, scale)
-    price = problem.settings.price(len(coef), switching)
-    modes = most_likely_modes(costs, problem, price)
+    price = _price(len(coef), switching)
+    modes = cheapest_modes(costs, problem.begins, price)
     return as_fit(problem, coef, scale, switching, modes, costs)
+
+
+def _price(n_modes: int, switching: float) -> float:
+    """Nats that a switch takes."""
+    return max(0.0, float(np.log((1.0 - switching) / switching * max(1, n_modes - 1))))
 
 
 def row_costs(problem: RowProblem, coef: Array, scale: Array) -> Array:
     """Nats of every row in every mode, at most those of a row that no law explains."""
     squares = np.square(problem.residuals(coef) / scale[:, None]).sum(axis=2)
     costs = (0.5 * squares + np.log(scale).sum(axis=1)[:, None]).T
-    return np.minimum(costs, -np.log(problem.settings.unexplained))
+    return np.minimum(costs, -np.log(UNEXPLAINED))
 
 
 def as_fit(
@@ -148,9 +158,9 @@ def as_fit(
     """Laws and modes with what they are worth."""
     own = costs[np.arange(len(modes)), modes]
     n_switches = int(np.count_nonzero((np.diff(modes) != 0) & ~problem.begins[1:]))
-    price = problem.settings.price(len(coef), switching)
+    price = _price(len(coef), switching)
     of_switches = float(price * n_switches - len(modes) * np.log1p(-switching))
-    unexplained = own >= -np.log(problem.settings.unexplained)
+    unexplained = own >= -np.log(UNEXPLAINED)
     cost = float(own[~unexplained].sum()) + nats_of_unexplained(unexplained) + of_switches
     return RowFit(coef, modes, unexplained, scale, switching, cost, of_switches)
 
@@ -160,36 +170,6 @@ def nats_of_unexplained(unexplained: NDArray[np.bool_]) -> float:
     count, n = np.count_nonzero(unexplained), len(unexplained)
     share = (count + 0.5) / (n + 1.0)
     return float(-count * np.log(share) - (n - count) * np.log1p(-share))
-
-
-def most_likely_modes(costs: Array, problem: RowProblem, price: float) -> Labels:
-    """Modes of least cost (n_rows, n_modes), a switch within a stretch at a price (Viterbi).
-
-    >>> from swsysid._discrete_stays.settings import SETTINGS
-    >>> ones, first = np.ones((4, 1)), np.arange(4) == 0
-    >>> rows = RowProblem(ones, ones, first, np.zeros(1, dtype=int), SETTINGS)
-    >>> costs = np.array([[0.0, 9.0], [1.0, 0.0], [0.0, 9.0], [9.0, 0.0]])
-    >>> most_likely_modes(costs, rows, price=2.0)
-    array([0, 0, 0, 1])
-    """
-    n_modes = costs.shape[1]
-    place, stretch = problem.places
-    if n_modes == 1:
-        return np.zeros(len(costs), dtype=np.intp)
-    padded = np.zeros((int(place.max()) + 1, int(stretch.max()) + 1, n_modes))
-    padded[place, stretch] = costs
-    best, own, came = padded[0], np.arange(n_modes), []
-    for cost in padded[1:]:
-        cheapest = best.min(axis=1, keepdims=True) + price
-        came.append(np.where(best <= cheapest, own, best.argmin(axis=1)[:, None]))
-        best = np.minimum(best, cheapest) + cost
-    mode = best.argmin(axis=1)
-    modes, every = np.empty(padded.shape[:2], dtype=np.intp), np.arange(padded.shape[1])
-    modes[-1] = mode
-    for k, sources in reversed(list(enumerate(came))):
-        mode = sources[every, mode]
-        modes[k] = mode
-    return modes[place, stretch]
 
 
 def fitted(problem: RowProblem, modes: Labels, coef: Array, free: NDArray[np.bool_]) -> Array:
@@ -227,7 +207,7 @@ def _independent(
         return ordered
     own = np.abs(np.diag(np.linalg.qr(features[:, ordered], mode="r")))
     size = np.linalg.norm(features[:, ordered], axis=0)
-    return ordered[own > problem.settings.dependent * size]
+    return ordered[own > _DEPENDENT * size]
 
 
 def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:

@@ -21,11 +21,24 @@ from swsysid._discrete_stays.rows import (
     scale_of,
     switching_of,
 )
-from swsysid._discrete_stays.settings import DiscreteSettings
-from swsysid._discrete_stays.starts import LawPool
+from swsysid._discrete_stays.starts import LawPool, best_thresholds
 from swsysid._discrete_stays.states import StateFit, with_states
-from swsysid._discrete_stays.thresholds import best_thresholds
 from swsysid._results import Array
+
+# Residuals below this come from arithmetic, and laws of highest likelihood in all states would only
+# add to it.
+_EXACT = 1e-11
+_THRESHOLDS = 3  # columns whose thresholds are a start
+# Share of the stays of a mode that are as short as a jump, and how many times as much as the best
+# law the one of all rows that straddle a jump leaves.
+_MOMENTARY, _ROUGH = 0.95, 3.0
+# The disturbance of the states as a share of the noise, smaller and smaller, since wrong modes
+# disturb them too, in two stages.
+_STAGES = (1.0, 1.0, 1.0, 0.3, 0.1), (0.03, 0.01, 0.01, 0.01, 0.01, 0.01)
+# Nats a row by which a number of modes is so much worse than the best one that it is not judged any
+# more, before each stage; and by which modes are so much worse that the best ones are taken again.
+_HOPELESS, _WORSE = (0.5, 0.1), 0.03
+_PATIENCE = 2  # numbers of modes that are tried after the best one
 
 
 @dataclass(frozen=True)
@@ -78,10 +91,10 @@ class Searched:
 class StaySearch:
     """Compares numbers of modes on a part of the rows, then goes on with all of them."""
 
-    def __init__(self, data: DiscreteData):
-        self.data, self.part, self.settings = data, data.part(), data.settings
+    def __init__(self, data: DiscreteData, max_modes: int):
+        self.data, self.part, self.max_modes = data, data.part(), max_modes
         self.pool = LawPool(self.part.problem)
-        few = best_thresholds(self.part)[: self.settings.thresholds]
+        few = best_thresholds(self.part)[:_THRESHOLDS]
         told = [thresholds.fit(self.part) for thresholds in few]
         self.told = [fit for fit in told if _lasting(self.part, fit).all()]
 
@@ -92,16 +105,16 @@ class StaySearch:
             most = max(len(fit.coef) for fit in by_rows if len(fit.coef) <= n_modes)
             by_rows = [fit for fit in by_rows if len(fit.coef) == most]
         found = [Found(fit, None, fit.history) for fit in by_rows]
-        if not any(_is_exact(fit, self.settings) for fit in by_rows):
-            for turn, ties in enumerate(self.settings.stages):
-                hopeful = self._hopeful(found, self.settings.hopeless[turn])
+        if not any(_is_exact(fit) for fit in by_rows):
+            for turn, ties in enumerate(_STAGES):
+                hopeful = self._hopeful(found, _HOPELESS[turn])
                 again = [with_noise(self.part, one, ties) for one in hopeful]
                 found = _best_of_each(lasting_only(self.part, one) for one in again)
             found = [with_both_noises(self.part, one) for one in found]
         found = _best_of_each(found)
         chosen = min(found, key=lambda one: one.cost)
         candidates = [DiscreteCandidate(len(one.coef), one.cost) for one in found]
-        most = self.settings.most_modes if n_modes is None else n_modes
+        most = self.max_modes if n_modes is None else n_modes
         return Searched(self.data, self._on_all_rows(chosen, most), tuple(candidates))
 
     def _hopeful(self, found: list[Found], nats: float) -> list[Found]:
@@ -122,7 +135,7 @@ class StaySearch:
         best: dict[int, RowFit] = {}
         last: RowFit | None = None
         in_vain = 0
-        most = self.settings.most_modes if n_modes is None else n_modes + self.settings.patience
+        most = self.max_modes if n_modes is None else n_modes + _PATIENCE
         for count in range(1, most + 1):
             last = self._alternated(count, last)
             lasting = without_momentary(self.part, last)
@@ -133,9 +146,9 @@ class StaySearch:
             if n_modes is not None and n_lasting >= n_modes:
                 break
             in_vain = 0 if lasting.cost < before else in_vain + 1
-            if n_modes is None and in_vain > self.settings.patience:
+            if n_modes is None and in_vain > _PATIENCE:
                 break
-        allowed = self.settings.most_modes if n_modes is None else n_modes
+        allowed = self.max_modes if n_modes is None else n_modes
         return [*best.values(), *(fit for fit in self.told if len(fit.coef) <= allowed)]
 
     def _alternated(self, count: int, last: RowFit | None) -> RowFit:
@@ -190,22 +203,22 @@ def _lasting(data: DiscreteData, fit: RowFit) -> NDArray[np.bool_]:
     is entered: that of the reset. All that straddle the jump have none in common, and what is left
     of them is more than of a law. A mode with no more rows than coefficients explains nothing.
     """
-    modes, settings = fit.lawful, data.settings
+    modes = fit.lawful
     first = np.flatnonzero(data.rows.begins | np.append(True, np.diff(modes) != 0))
     length, of_stays = np.diff(np.append(first, len(modes))), modes[first]
-    longest = np.where(_is_rough(fit, settings), data.rows.lags + 1, 1)
+    longest = np.where(_is_rough(fit), data.rows.lags + 1, 1)
     return np.array([
-        np.mean(length[own] <= longest[mode]) < settings.momentary
+        np.mean(length[own] <= longest[mode]) < _MOMENTARY
         and length[own].sum() > data.problem.features.shape[1]
         if (own := of_stays == mode).any() else False
         for mode in range(len(fit.coef))
     ])  # fmt: skip
 
 
-def _is_rough(fit: RowFit, settings: DiscreteSettings) -> NDArray[np.bool_]:
+def _is_rough(fit: RowFit) -> NDArray[np.bool_]:
     """Modes whose law leaves more than that of the others."""
     size = np.linalg.norm(fit.scale, axis=1)
-    return np.asarray(size > settings.rough * size.min())
+    return np.asarray(size > _ROUGH * size.min())
 
 
 def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) -> Found:
@@ -227,7 +240,7 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) 
         fit, _ = reassigned(data, now.fit, states)
         left = tie if np.array_equal(now.fit.lawful, fit.lawful) else None
         now = Found(fit, states, ())
-        if states.cost > best.cost + data.settings.worse * len(data.rows):
+        if states.cost > best.cost + _WORSE * len(data.rows):
             now, left = best, tie
     return replace(best, history=tuple(history))
 
@@ -261,8 +274,8 @@ def lasting_only(data: DiscreteData, found: Found) -> Found:
     return replace(found, fit=fit, states=with_states(data, fit, near.tie, near))
 
 
-def _is_exact(fit: RowFit, settings: DiscreteSettings) -> bool:
-    return bool((fit.scale < settings.exact).all())
+def _is_exact(fit: RowFit) -> bool:
+    return bool((fit.scale < _EXACT).all())
 
 
 def _best_of_each(found: Iterable[Found]) -> list[Found]:

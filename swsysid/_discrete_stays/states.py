@@ -16,20 +16,26 @@ of the laws.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, cho_solve_banded, cholesky_banded
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg import LinAlgError
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import RowFit, nats_of_unexplained
 from swsysid._results import Array
-from swsysid._stays.information import covariance_of
+from swsysid._stays.arrow import Arrow, covariance_of
+from swsysid._stays.descent import descended
 from swsysid._stays.laws import slopes_of
+from swsysid._stays.settings import SETTINGS as STAYS
+
+_MOST_STEPS, _LEAST_NOISE = 10, 1e-7
+
+# Profiles over the ratio of both noises compare tenths of a nat (`noises`).
+_CLOSELY = replace(STAYS, converged=1e-6)
 
 
 @dataclass(frozen=True)
@@ -50,37 +56,54 @@ class StateFit:
 
 
 @dataclass(frozen=True)
-class _Normal:
-    """Normal equations after the states are eliminated, and what gives their step."""
+class LawsAndStates:
+    """A trial of both; `free` are the coefficients that are sought, of the shape of `coef`."""
 
-    matrix: Array  # (n_free, n_free)
-    right: Array
+    coef: Array
+    free: NDArray[np.bool_]
+    states: Array
+
+    def moved(self, step: Array) -> LawsAndStates:
+        """Some way off, by a step of the states and then of the free coefficients."""
+        move, change = np.split(step, [self.states.size])
+        coef = self.coef.copy()
+        coef[self.free] += change
+        return replace(self, coef=coef, states=self.states + move.reshape(self.states.shape))
+
+
+@dataclass(frozen=True)
+class StateEquations:
+    """Gauss and Newton's equations: the states are the band, the free coefficients the corner."""
+
     value: float
-    factor: Array  # of the part of the states, in lower banded form
-    border: Array  # (n_samples * n_states, n_free)
-    right_of_states: Array
+    arrow: Arrow
+    right: Array
 
-    @property
-    def log_det(self) -> float:
-        """Of the part of the states."""
-        return 2.0 * float(np.log(self.factor[0]).sum())
-
-    def step(self, damping: float) -> tuple[Array, Array]:
-        """Steps of the laws and the states."""
-        matrix = self.matrix.copy()
-        places = np.diag_indices_from(matrix)
-        matrix[places] += damping * matrix[places] + np.finfo(float).tiny
-        change = cho_solve(cho_factor(matrix), self.right)
-        right = self.right_of_states - self.border @ change
-        return change, cho_solve_banded((self.factor, True), right)
+    def step(self, damping: float) -> tuple[Array, float]:
+        """The step of damped equations, and by how much it should lower the value."""
+        try:
+            factor = self.arrow.factor(damping, np.finfo(float).tiny)
+        except LinAlgError:  # not positive by rounding, or not finite
+            return np.zeros(len(self.right)), 0.0
+        step = factor.solve(self.right)
+        held = factor.more @ np.square(step[len(self.right) - len(factor.more) :])
+        return step, 0.5 * float(self.right @ step + held)
 
 
 class StateProblem:
-    """The sum of squares above for rows whose modes are given (-1: no law explains the row)."""
+    """The sum of squares above for rows whose modes are given (-1: no law explains the row).
 
-    def __init__(self, data: DiscreteData, modes: Labels, free: NDArray[np.bool_]):
+    `free` are the features of each law, `noise` and `tie` the deviations of the measurements and
+    the disturbance as a share of them, (n_states,).
+    """
+
+    def __init__(
+        self, data: DiscreteData, modes: Labels, free: NDArray[np.bool_], noise: Array, tie: Array
+    ):
         rows = data.rows
-        self.data, self.modes, self.free = data, modes, free
+        self.data, self.modes, self.free, self.noise = data, modes, free, noise
+        # standard deviations of what the rows leave, (n_rows, n_states)
+        self.disturbance = np.where((modes < 0)[:, None], 1.0, tie * noise)
         # samples side by side, those of a recording in a row
         lengths = np.zeros(int(rows.recording.max()) + 1, dtype=np.intp)
         np.maximum.at(lengths, rows.recording, rows.sample + 2)
@@ -101,9 +124,9 @@ class StateProblem:
         every = np.repeat(self.free[:, None], self.y.shape[1], axis=1)
         return np.where(every, np.cumsum(every).reshape(every.shape) - 1, -1)
 
-    def disturbance(self, noise: Array, tie: Array) -> Array:
-        """Standard deviations of what the rows leave, (n_rows, n_states)."""
-        return np.where((self.modes < 0)[:, None], 1.0, tie * noise)
+    def allows(self, trial: LawsAndStates) -> bool:
+        """True of every trial."""
+        return True
 
     def left(self, coef: Array, states: Array, features: Array) -> Array:
         """What the laws leave of the rows."""
@@ -119,22 +142,16 @@ class StateProblem:
         """Lagged columns of estimated states."""
         return np.hstack([states[self.back[:, 1:]].reshape(len(self.now), -1), self.inputs])
 
-    def value(self, coef: Array, states: Array, noise: Array, tie: Array) -> float:
-        """The sum of squares."""
-        left = self.left(coef, states, self.data.features(self.columns(states)))
+    def normal_equations(self, trial: LawsAndStates) -> StateEquations:
+        """Gauss and Newton's equations at a trial."""
+        n_lags, n, coef = self.back.shape[1] - 1, self.y.shape[1], trial.coef
         with np.errstate(over="ignore", invalid="ignore"):
-            value = np.square((self.y - states) / noise).sum()
-            value += np.square(left / self.disturbance(noise, tie)).sum()
-        return float(0.5 * value) if np.isfinite(value) else np.inf
-
-    def normal(self, coef: Array, states: Array, noise: Array, tie: Array) -> _Normal:
-        """Gauss and Newton's equations of the laws, the states eliminated."""
-        n_lags, n = self.back.shape[1] - 1, self.y.shape[1]
-        features, by_column = slopes_of(
-            self.data.features, self.columns(states), np.ones(n_lags * n)
-        )
-        disturbance = self.disturbance(noise, tie)
-        left = self.left(coef, states, features) / disturbance
+            features, by_column = slopes_of(
+                self.data.features, self.columns(trial.states), np.ones(n_lags * n)
+            )
+            left = self.left(coef, trial.states, features) / self.disturbance
+            misfit = (trial.states - self.y) / self.noise
+            value = 0.5 * float(np.square(misfit).sum() + np.square(left).sum())
         slopes = np.zeros((n_lags + 1, len(left), n, n))  # of what is left, by x[k + 1], x[k], ...
         slopes[0] = np.eye(n)
         slopes[1, self.modes < 0] = -np.eye(n)
@@ -142,54 +159,39 @@ class StateProblem:
             own = self.modes == mode
             by_lag = (law @ by_column[own]).reshape(-1, n, n_lags, n)
             slopes[1:, own] = -by_lag.transpose(2, 0, 1, 3)
-        slopes /= disturbance[:, :, None]
-        return self._eliminated(slopes, left, features, disturbance, states, noise)
-
-    def _eliminated(
-        self,
-        slopes: Array,
-        left: Array,
-        features: Array,
-        disturbance: Array,
-        states: Array,
-        noise: Array,
-    ) -> _Normal:
-        n_samples, n = self.y.shape
-        misfit = (states - self.y) / noise
-        band = self._band(slopes, noise)
-        gradient = misfit / noise
+        slopes /= self.disturbance[:, :, None]
+        gradient = misfit / self.noise
         for place, slope in enumerate(slopes):
             gradient[self.back[:, place]] += np.einsum("irc,ir->ic", slope, left)
-        n_free = int(self.columns_of_coef.max()) + 1
-        border = np.zeros((n_samples * n, n_free))
-        matrix, right = np.zeros((n_free, n_free)), np.zeros(n_free)
+        border, corner, right = self._of_laws(slopes, left, features)
+        arrow = Arrow(self._band(slopes), border, corner)
+        return StateEquations(value, arrow, np.append(-gradient.ravel(), right))
+
+    def _of_laws(self, slopes: Array, left: Array, features: Array) -> tuple[Array, Array, Array]:
+        """What the free coefficients have in common with the states and with each other."""
+        n, n_free = self.y.shape[1], int(self.columns_of_coef.max()) + 1
+        border = np.zeros((self.y.size, n_free))
+        corner, right = np.zeros((n_free, n_free)), np.zeros(n_free)
         for mode, columns in enumerate(self.columns_of_coef):
             own = np.flatnonzero(self.modes == mode)
             used = features[own][:, self.free[mode]]
             for state, places in enumerate(columns):
                 places = places[places >= 0]
                 block = slice(places[0], places[-1] + 1) if len(places) else slice(0)
-                by_coef = -used / disturbance[own, state][:, None]
-                matrix[np.ix_(places, places)] = by_coef.T @ by_coef
-                right[places] = -by_coef.T @ left[own, state]
+                by_coef = -used / self.disturbance[own, state][:, None]
+                corner[block, block] = by_coef.T @ by_coef
+                right[block] = -by_coef.T @ left[own, state]
                 for lag, slope in enumerate(slopes):
                     for other in range(n):
                         at = self.back[own, lag] * n + other
                         border[at, block] += slope[own, state, other][:, None] * by_coef
-        factor = cholesky_banded(band, lower=True)
-        right_of_states = -gradient.ravel()
-        half, _ = dtbtrs(factor, np.asfortranarray(border), uplo="L")
-        half_right, _ = dtbtrs(factor, right_of_states, uplo="L")
-        matrix -= half.T @ half
-        right -= half.T @ half_right.ravel()
-        value = 0.5 * float(np.square(misfit).sum() + np.square(left).sum())
-        return _Normal(matrix, right, value, factor, border, right_of_states)
+        return border, corner, right
 
-    def _band(self, slopes: Array, noise: Array) -> Array:
+    def _band(self, slopes: Array) -> Array:
         """The part of the states in lower banded form: row d holds the d-th diagonal below."""
         n_samples, n = self.y.shape
         band = np.zeros((len(slopes) * n, n_samples * n))
-        band[0] = np.tile(noise**-2.0, n_samples)
+        band[0] = np.tile(self.noise**-2.0, n_samples)
         for later in range(len(slopes)):
             for earlier in range(later, len(slopes)):
                 products = slopes[later].transpose(0, 2, 1) @ slopes[earlier]
@@ -215,68 +217,38 @@ def with_states(
     From the laws of that fit, or from those of another one; `tie` is the disturbance as a share of
     the noise, of each state or of all.
     """
-    settings = data.settings
     free = np.ones(fit.coef[:, 0].shape, dtype=bool) if free is None else free
     tie = np.broadcast_to(np.asarray(tie, dtype=float), data.rows.n_states)
-    problem = StateProblem(data, fit.lawful, free)
-    coef, states, noise = fit.coef, problem.y, fit.scale.mean(axis=0)
+    coef, states, noise = fit.coef, None, fit.scale.mean(axis=0)
     if near is not None:
         coef, states, noise = near.coef, near.states, near.noise
-    coef, noise = np.where(free[:, None], coef, 0.0), np.maximum(noise, settings.least_noise)
-    coef, states = _descended(problem, coef, states, noise, tie)
-    noise = _noise(problem, coef, states, tie)
-    normal = problem.normal(coef, states, noise, tie)
-    left = problem.left(coef, states, data.features(problem.columns(states)))
-    cost = _cost(problem, normal, noise, tie, fit)
-    return StateFit(coef, states, problem.back, left, noise, tie, cost)
+    problem = StateProblem(data, fit.lawful, free, np.maximum(noise, _LEAST_NOISE), tie)
+    coef, states = np.where(free[:, None], coef, 0.0), problem.y if states is None else states
+    trial = LawsAndStates(coef, problem.columns_of_coef >= 0, states)
+    found, _ = descended(trial, problem, _MOST_STEPS, _CLOSELY)
+    left = problem.left(found.coef, found.states, data.features(problem.columns(found.states)))
+    noise = _noise(problem, found.states, left, tie)
+    problem = StateProblem(data, fit.lawful, free, noise, tie)
+    cost = _cost(problem, problem.normal_equations(found), fit)
+    return StateFit(found.coef, found.states, problem.back, left, noise, tie, cost)
 
 
-def _descended(
-    problem: StateProblem, coef: Array, states: Array, noise: Array, tie: Array
-) -> tuple[Array, Array]:
-    """Levenberg and Marquardt's steps."""
-    settings = problem.data.settings
-    damping, free = settings.damping, problem.columns_of_coef >= 0
-    for _ in range(settings.most_steps):
-        normal = problem.normal(coef, states, noise, tie)
-        for _ in range(settings.most_failures):
-            try:
-                change, move = normal.step(damping)
-            except LinAlgError:
-                damping = max(10.0 * damping, settings.damping)
-                continue
-            trial = coef.copy()
-            trial[free] += change
-            moved = states + move.reshape(states.shape)
-            reached = problem.value(trial, moved, noise, tie)
-            if reached < normal.value:
-                break
-            damping = max(10.0 * damping, settings.damping)
-        else:
-            return coef, states
-        coef, states, damping = trial, moved, 0.1 * damping
-        if normal.value - reached < settings.converged:
-            break
-    return coef, states
-
-
-def _noise(problem: StateProblem, coef: Array, states: Array, tie: Array) -> Array:
+def _noise(problem: StateProblem, states: Array, left: Array, tie: Array) -> Array:
     """Standard deviations of the measurements by what states and rows leave."""
     known = problem.modes >= 0
-    left = problem.left(coef, states, problem.data.features(problem.columns(states)))[known]
-    squares = np.square(problem.y - states).sum(axis=0) + np.square(left / tie).sum(axis=0)
+    squares = np.square(problem.y - states).sum(axis=0) + np.square(left[known] / tie).sum(axis=0)
     n_free = int(problem.columns_of_coef.max()) + 1
     freedom = max(1.0, known.sum() - n_free / len(squares))
-    return np.maximum(np.sqrt(squares / freedom), problem.data.settings.least_noise)
+    return np.maximum(np.sqrt(squares / freedom), _LEAST_NOISE)
 
 
-def _cost(problem: StateProblem, normal: _Normal, noise: Array, tie: Array, fit: RowFit) -> float:
+def _cost(problem: StateProblem, equations: StateEquations, fit: RowFit) -> float:
     """Negative log likelihood of the rows, the states integrated out, with what laws take."""
-    n_samples = len(problem.y)
-    nats = normal.value + n_samples * np.log(noise).sum() + 0.5 * normal.log_det
-    nats += np.log(problem.disturbance(noise, tie)).sum()
+    arrow = equations.arrow
+    nats = equations.value + len(problem.y) * np.log(problem.noise).sum()
+    nats += 0.5 * arrow.log_det_of_band + np.log(problem.disturbance).sum()
     nats += nats_of_unexplained(problem.modes < 0)
-    nats += 0.5 * float(np.linalg.slogdet(np.eye(len(normal.matrix)) + normal.matrix)[1])
+    nats += 0.5 * float(np.linalg.slogdet(np.eye(len(arrow.corner)) + arrow.schur)[1])
     return float(nats + fit.of_switches)
 
 
@@ -284,8 +256,9 @@ def law_covariance(
     data: DiscreteData, fit: RowFit, found: StateFit, free: NDArray[np.bool_]
 ) -> Array:
     """Variances of the laws, like their coefficients; infinite where no row says anything."""
-    problem = StateProblem(data, fit.lawful, free)
-    matrix = problem.normal(found.coef, found.states, found.noise, found.tie).matrix
-    variances, places = np.zeros(found.coef.shape), problem.columns_of_coef
-    variances[places >= 0] = np.diag(covariance_of(matrix))[places[places >= 0]]
+    problem = StateProblem(data, fit.lawful, free, found.noise, found.tie)
+    own = problem.columns_of_coef >= 0
+    equations = problem.normal_equations(LawsAndStates(found.coef, own, found.states))
+    variances = np.zeros(found.coef.shape)
+    variances[own] = np.diag(covariance_of(equations.arrow.schur))
     return variances

@@ -8,6 +8,5 @@ together, with the modes, and simulate and print what comes out.
 In reading order: `declared` is what effects ask of a model, `models` what may be declared,
 `automata` a hybrid automaton in that role; `joint_fit` is the fit, `velocities` mends those that a
 filter made, `decoding` finds the modes of recordings; `equations` prints the fit and turns it into
-an automaton, `refinable` gives its numbers to the refinement, `simulation` and
-`automaton_rollouts` roll it out.
+an automaton, `refinable` gives its numbers to the refinement, `simulation` rolls it out.
 """

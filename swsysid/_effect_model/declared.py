@@ -40,6 +40,9 @@ _DOUBTS = (ConvergenceWarning, IdentificationWarning)
 class FittedLaws(Protocol):
     """The laws of a fitted declared model, and what tells their modes."""
 
+    # the automaton that the laws belong to; None if a surface tells the modes
+    automaton: HybridAutomaton | None = None
+
     @property
     def coef(self) -> Array:
         """Coefficients of the library, (n_modes, n_states, n_features)."""
@@ -47,6 +50,7 @@ class FittedLaws(Protocol):
     @property
     def support(self) -> NDArray[np.bool_]:
         """Terms that the laws may have, shaped like `coef`."""
+        return np.ones(self.coef.shape, dtype=bool)
 
     @property
     def feature_map(self) -> FeatureMap:
@@ -59,10 +63,12 @@ class FittedLaws(Protocol):
     @property
     def seeks_modes(self) -> bool:
         """True if the modes are sought with the effects, False if recordings tell them."""
+        return False
 
     @property
     def resets(self) -> frozenset[tuple[int, int]]:
         """Modes before and after, where states are known to jump."""
+        return frozenset()
 
     @property
     def n_columns(self) -> int:
@@ -71,10 +77,7 @@ class FittedLaws(Protocol):
     @property
     def n_surface_parameters(self) -> int:
         """What a guard that takes the place of the surface does without, scales not counted."""
-
-    @property
-    def automaton(self) -> HybridAutomaton | None:
-        """The automaton that the laws belong to; None if a surface tells the modes."""
+        return 0
 
     def seen(self, X: Array) -> Array:
         """States and inputs as the laws see them."""
@@ -84,6 +87,7 @@ class FittedLaws(Protocol):
 
     def probabilities(self, records: Records) -> Array:
         """Probability of every mode before velocities are asked, (n_rows, n_modes)."""
+        return self.allowed(records.X)
 
     def allowed(self, X: Array) -> Array:
         """Probability of every mode at states and inputs alone, (n_rows, n_modes)."""
@@ -112,13 +116,16 @@ class Declared(Protocol):
     @property
     def robust(self) -> bool:
         """False if residuals count by their squares."""
+        return True
 
     @property
     def known(self) -> object | None:
         """The model itself if it has laws before any fit; recordings then tell their modes."""
+        return None
 
     def with_modes(self, n_modes: int) -> Declared:
         """The same with so many modes."""
+        return self
 
     def extended(self, effect: StructureEffect) -> Declared:
         """The same with what an effect adds to its structure."""
@@ -128,9 +135,11 @@ class Declared(Protocol):
 
         `added` is what they add to the velocities, (n_modes, n_samples, n_states).
         """
+        return None
 
     def refuses(self, effect: Effect) -> str | None:
         """Why an effect cannot stand beside it; None if it can."""
+        return None
 
     def library(self, X: Array) -> Array:
         """Features of states and inputs, (n_rows, n_features)."""
@@ -158,7 +167,7 @@ class FittedDeclared:
 
 
 @dataclass(frozen=True)
-class DeclaredSwitching:
+class DeclaredSwitching(Declared):
     """A switching regressor, perhaps at the end of a pipeline."""
 
     estimator: BaseEstimator
@@ -181,21 +190,11 @@ class DeclaredSwitching:
     def robust(self) -> bool:
         return bool(self._switching.loss != "squared")
 
-    @property
-    def known(self) -> object | None:
-        return None
-
     def with_modes(self, n_modes: int) -> DeclaredSwitching:
         return replace(self, estimator=with_parameters(self.estimator, n_modes=n_modes))
 
     def extended(self, effect: StructureEffect) -> DeclaredSwitching:
         return replace(self, estimator=effect.extended(self.estimator))
-
-    def anew(self, records: Records, added: Array) -> Declared | None:
-        return None
-
-    def refuses(self, effect: Effect) -> str | None:
-        return None
 
     def library(self, X: Array) -> Array:
         seen, feature_map = self._library(X)
@@ -252,7 +251,7 @@ class DeclaredSwitching:
 
 
 @dataclass(frozen=True)
-class SwitchingLaws:
+class SwitchingLaws(FittedLaws):
     """Those of a fitted switching regressor, whose surface tells the mode."""
 
     estimator: BaseEstimator
@@ -269,10 +268,6 @@ class SwitchingLaws:
         return coef
 
     @property
-    def support(self) -> NDArray[np.bool_]:
-        return np.ones(self.coef.shape, dtype=bool)
-
-    @property
     def feature_map(self) -> FeatureMap:
         return self.switching.switching_model.feature_map
 
@@ -283,10 +278,6 @@ class SwitchingLaws:
     @property
     def seeks_modes(self) -> bool:
         return True
-
-    @property
-    def resets(self) -> frozenset[tuple[int, int]]:
-        return frozenset()
 
     @property
     def n_columns(self) -> int:
@@ -300,10 +291,6 @@ class SwitchingLaws:
             return 0
         return int(np.count_nonzero(surface.coef_)) - len(surface.coef_)
 
-    @property
-    def automaton(self) -> None:
-        return None
-
     def seen(self, X: Array) -> Array:
         transform, _ = switching_step(self.estimator)
         return np.asarray(transform(X))
@@ -311,9 +298,6 @@ class SwitchingLaws:
     def modes(self, records: Records, added: Added) -> Modes:
         modes: Modes = self.switching.predict_modes(self.seen(records.X))
         return modes
-
-    def probabilities(self, records: Records) -> Array:
-        return self.allowed(records.X)
 
     def allowed(self, X: Array) -> Array:
         return np.asarray(self.switching.predict_mode_proba(self.seen(X)))

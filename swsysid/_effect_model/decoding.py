@@ -21,6 +21,7 @@ from swsysid._effect_model.declared import Added, FittedLaws, Modes
 from swsysid._noise import exact_below, robust_scale
 from swsysid._results import Array
 from swsysid._stays.assign import assign, disturbances
+from swsysid._stays.decoding import cheapest_modes
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
@@ -169,23 +170,7 @@ def modes_of_velocities(laws: FittedLaws, records: Records, targets: Array, adde
     limit = MODEL.price_of_a_switch
     cost = np.minimum(0.5 * np.square(errors / scale).sum(axis=2), limit).T
     cost = cost + limit * (laws.allowed(records.X) <= 0.0)
-    modes = np.zeros(len(records), dtype=np.intp)
-    for rows in records.trajectories:
-        modes[rows] = _cheapest(cost[rows], limit)
-    return modes
-
-
-def _cheapest(cost: Array, price: float) -> Modes:
-    """Modes of least cost (n_rows, n_modes) and price of their changes."""
-    total, before = cost[0], np.zeros(cost.shape, dtype=np.intp)
-    stay = np.arange(cost.shape[1])
-    for k in range(1, len(cost)):
-        best = int(total.argmin())
-        moves = total > total[best] + price
-        before[k] = np.where(moves, best, stay)
-        total = np.minimum(total, total[best] + price) + cost[k]
-    modes = np.zeros(len(cost), dtype=np.intp)
-    modes[-1] = int(total.argmin())
-    for k in range(len(cost) - 1, 0, -1):
-        modes[k - 1] = before[k, modes[k]]
+    rows, modes = np.concatenate(records.trajectories), np.zeros(len(records), dtype=np.intp)
+    begins = np.isin(rows, [own[0] for own in records.trajectories])
+    modes[rows] = cheapest_modes(cost[rows], begins, limit)
     return modes

@@ -16,6 +16,10 @@ from numpy.typing import NDArray
 from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._results import Array
 
+# Squares of a sample count up to here: one outlier, or a sample on the wrong side of a jump,
+# is no break, which takes at least half a dozen.
+_MOST_SQUARES = 9.0
+
 
 def first_breaks(
     left: Sequence[Array], together: float = 1.0, variance: float = SETTINGS.variance
@@ -39,7 +43,7 @@ def leave_more(left: Sequence[Array], together: float, variance: float) -> bool:
 
 def _gain(left: Array, variance: float) -> Array:
     """Log likelihood ratios of the samples, 0 where nothing was measured."""
-    squares = np.minimum(np.square(left), SETTINGS.most_squares)
+    squares = np.minimum(np.square(left), _MOST_SQUARES)
     gain = 0.5 * (squares * (1.0 - 1.0 / variance) - np.log(variance))
     return np.where(np.isnan(left), 0.0, gain)
 

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.recordings import Record
-from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
+
+# Samples to which the begin of a break is known: noise may lead up to it.
+_BEGIN = 3
 
 SLIDES = -1  # the mode of a state that slides along a surface
 
@@ -155,7 +157,7 @@ class Pairs:
         ]
         told += [(one.time, f"{one.transition} does not happen") for one in self.missing]
         told += [(one.time, f"{one.transition} happens in the model only") for one in self.extra]
-        before = [one for one in told if one[0] <= time + SETTINGS.begin * step]
+        before = [one for one in told if one[0] <= time + _BEGIN * step]
         last = max(before, default=(time, ""))
         return last if last[1] else (time, "")
 

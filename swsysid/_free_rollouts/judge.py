@@ -22,6 +22,16 @@ from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
 
+# The same of recordings that the model has not seen: there the standard errors of its laws, and
+# of where a rollout starts, add to the noise.
+_UNSEEN_VARIANCE = 4.0
+# Samples that tell where a recording starts, where its error is not known.
+_FIRST_SAMPLES = 20
+# Part of the error of a start by which it is moved to see what hangs on it.
+_MOVED = 0.1
+# Steps of the integrator for a sample: the plants of `benchmarks/trajectories` take up to 5.
+_MOST_STEPS = 50
+
 _UNIT = "a thousandth of the spread"  # `size` of the settings
 
 
@@ -221,7 +231,7 @@ def judged(
     least = SETTINGS.size * spread
     noise = replace(noise, least=least)
     done = [_RolledOut.of(runs, course, noise) for course in courses]
-    variance = SETTINGS.unseen_variance if unseen else SETTINGS.variance
+    variance = _UNSEEN_VARIANCE if unseen else SETTINGS.variance
     begins = first_breaks([one.left for one in done], together, variance)
     broken = [
         (one.broken(begin, channels), one, begin)
@@ -269,7 +279,7 @@ class ModelRuns:
             # a wrong model may chatter at its guards for ever
             "max_switches": SETTINGS.most_switches + len(record.t),
             # and one whose terms cancel has a field of rounding, which no step is short enough for
-            "max_steps": SETTINGS.most_steps * (SETTINGS.first_samples + len(record.t)),
+            "max_steps": _MOST_STEPS * (_FIRST_SAMPLES + len(record.t)),
         }
         inputs = record.u if record.u.shape[1] else None
         return self.model.simulate(start, record.t, inputs, **options)
@@ -327,13 +337,13 @@ class _RolledOut:
             return False
         # an error of the start that grows is in the direction that grows, whichever was moved
         first, channel = _soonest(begins)
-        n_first = min(SETTINGS.first_samples, len(self.noise))
+        n_first = min(_FIRST_SAMPLES, len(self.noise))
         away = np.zeros(len(self.states))
         for k, size in enumerate(self.noise[0] * 2.0 / np.sqrt(n_first)):
             moved = np.array(self.course.start, dtype=float)
-            moved[..., k] += SETTINGS.moved * size
+            moved[..., k] += _MOVED * size
             other = _states(self.runs(self.course, moved, self.noise), self.states.shape)
-            off = (other - self.states)[:, channel] / self.noise[:, channel] / SETTINGS.moved
+            off = (other - self.states)[:, channel] / self.noise[:, channel] / _MOVED
             away += np.square(np.nan_to_num(off))
         seen = np.isfinite(self.left[:, channel])
         seen[:first] = False

@@ -13,21 +13,9 @@ class Judgement:
     significance: float = 1e-3
     # Variance that Page's test looks for: what a wrong rollout adds is as large as the noise.
     variance: float = 2.0
-    # The same of recordings that the model has not seen: there the standard errors of its laws, and
-    # of where a rollout starts, add to the noise.
-    unseen_variance: float = 4.0
     # Of the spread of a channel: what a rollout may be off by whatever the noise. The errors of a
     # solver add up along a recording, unlike noise: 2e-4 in six impacts at a tolerance of 1e-5.
     size: float = 1e-3
-    # Squares of a sample count up to here: one outlier, or a sample on the wrong side of a jump,
-    # is no break, which takes at least half a dozen.
-    most_squares: float = 9.0
-    # Samples to which the begin of a break is known: noise may lead up to it.
-    begin: int = 3
-    # Samples that tell where a recording starts, where its error is not known.
-    first_samples: int = 20
-    # Part of the error of a start by which it is moved to see what hangs on it.
-    moved: float = 0.1
     # Samples of a set whose noise is compared with that of others, and sets of a channel's values.
     fewest: int = 40
     most_parts: int = 8
@@ -37,8 +25,6 @@ class Judgement:
     # which a model chatters.
     accuracy: float = 1e-3
     most_switches: int = 100
-    # Steps of the integrator for a sample: the plants of `benchmarks/trajectories` take up to 5.
-    most_steps: int = 50
 
 
 SETTINGS = Judgement()

@@ -16,10 +16,9 @@ from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._stays.nodes import Nodes, Rows
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, in_exact_steps
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._stays.stays import Stays
-from swsysid._stays.steps import in_exact_steps
 from swsysid.differentiation import estimate_noise
 from swsysid.effects import PlacedEffect
 from swsysid.effects._placed import corrected

@@ -10,9 +10,11 @@ from swsysid._rendering.parts import Parts, plain
 from swsysid._rendering.printing import number, text_table
 from swsysid._residual_report.findings import Finding, Peak
 from swsysid._residual_report.noise_floor import Size
-from swsysid._residual_report.settings import SETTINGS
 from swsysid._residual_report.whiteness import Whiteness
 from swsysid._results import Array
+
+_MOST_NAMED = 4  # dependences of one equation in its verdict
+_MUCH = 0.5  # a share that is no noise and is spoken of, whatever the tests say
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +184,7 @@ def _verdict(sizes: Sequence[Size], tests: Sequence[Finding], coloured: bool) ->
     n_modes = sum(size.mode is not None for size in sizes)
     clauses += _in_some_modes([test for test in direct if test.mode is not None], n_modes)
     share = size.explainable or 0.0
-    if not clauses and share >= SETTINGS.much:
+    if not clauses and share >= _MUCH:
         what = f"{share:.0%} of it {_SMOOTH[size.how]}"
         clauses = [f"{what}, though no test names what it depends on"]
     elif not clauses and coloured:
@@ -203,7 +205,7 @@ def _size_in_words(size: Size) -> str:
 
 def _means(found: Sequence[Finding]) -> list[str]:
     channels = [one for one in found if one.kind not in ("bias", "periodic")]
-    named = " and on ".join(_detail(one) for one in channels[: SETTINGS.most_named])
+    named = " and on ".join(_detail(one) for one in channels[:_MOST_NAMED])
     clauses = []
     for one in found:
         if one.kind == "bias":
@@ -233,7 +235,7 @@ def _in_some_modes(found: Sequence[Finding], n_modes: int) -> list[str]:
         for one in sorted(found, key=lambda one: first.index(one.channel))
         if count[one.channel] < n_modes
     ]
-    return clauses[: SETTINGS.most_named]
+    return clauses[:_MOST_NAMED]
 
 
 def _detail(finding: Finding) -> str:

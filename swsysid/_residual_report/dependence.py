@@ -24,8 +24,19 @@ from numpy.typing import NDArray
 
 from swsysid._noise import robust_scale
 from swsysid._residual_report.channels import Channel, between_shares, without
-from swsysid._residual_report.settings import SETTINGS, Settings
+from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
+
+FEWEST_ROWS_OF_A_PIECE = 16  # of a spectrum
+_LONGEST_PIECE = 1000  # longer trajectories are cut, as Welch did
+_OVERSAMPLING = 2  # points of the grid in a resolution: a peak between two loses 10 %
+_FREQUENCIES_AT_ONCE = 128
+
+_CLIP = 4.0  # robust deviations: one normal row in 16000 is cut off
+_LENGTHS_A_BLOCK = 4.0  # correlation lengths: neighbouring blocks are all but independent
+_FEWEST_BLOCKS = 5  # 120 orders, as many as the level needs
+_LONGEST_LAG = 400  # of the correlation length, which is summed up to the first noise
+_ENTRIES_AT_ONCE = 4_000_000  # of rearranged residuals, 16 MB in single precision
 
 
 @dataclass
@@ -164,7 +175,7 @@ class _Tester:
     def _rearranged(self, values: Array) -> Iterator[Array]:
         """The values in all orders, (n_orders, n_rows), some at a time."""
         single = values.astype(np.float32)
-        step = max(1, SETTINGS.entries_at_once // len(values))
+        step = max(1, _ENTRIES_AT_ONCE // len(values))
         for start in range(0, len(self.orders), step):
             yield single[self.orders[start : start + step]]
 
@@ -196,10 +207,9 @@ class Clock:
     t: Array
     pieces: list[NDArray[np.intp]]
     frequency: Array
-    settings: Settings = SETTINGS
 
     @classmethod
-    def of(cls, t: Array, codes: NDArray[np.intp], settings: Settings = SETTINGS) -> Clock | None:
+    def of(cls, t: Array, codes: NDArray[np.intp]) -> Clock | None:
         """Trajectories that are long enough, long ones cut; None if there is none.
 
         Frequencies go from one period in the longest piece up to half the sampling rate.
@@ -207,15 +217,15 @@ class Clock:
         pieces = []
         for code in np.unique(codes):
             rows = np.flatnonzero(codes == code)
-            pieces += np.array_split(rows, -(-len(rows) // settings.longest_piece))
-        pieces = [rows for rows in pieces if len(rows) >= settings.fewest_rows_of_a_piece]
+            pieces += np.array_split(rows, -(-len(rows) // _LONGEST_PIECE))
+        pieces = [rows for rows in pieces if len(rows) >= FEWEST_ROWS_OF_A_PIECE]
         if not pieces:
             return None
         span = max(float(t[rows[-1]] - t[rows[0]]) for rows in pieces)
         step = float(np.median(np.concatenate([np.diff(t[rows]) for rows in pieces])))
-        spacing = 1.0 / (settings.oversampling * (span + step))
-        multiples = np.arange(settings.oversampling, int(0.5 / step / spacing) + 1)
-        return cls(t, pieces, np.asarray(spacing * multiples, dtype=np.float64), settings)
+        spacing = 1.0 / (_OVERSAMPLING * (span + step))
+        multiples = np.arange(_OVERSAMPLING, int(0.5 / step / spacing) + 1)
+        return cls(t, pieces, np.asarray(spacing * multiples, dtype=np.float64))
 
     def shares(self, values: Array, frequency: Array | None = None) -> Array:
         r"""Shares of sinusoids in each row of `values`, (n_frequencies, n_orders).
@@ -228,8 +238,8 @@ class Clock:
         frequency = self.frequency if frequency is None else frequency
         power = np.zeros((len(frequency), len(values)))
         total = sum(np.square(values[0, rows]).sum() for rows in self.pieces)
-        for start in range(0, len(frequency), self.settings.frequencies_at_once):
-            part = slice(start, start + self.settings.frequencies_at_once)
+        for start in range(0, len(frequency), _FREQUENCIES_AT_ONCE):
+            part = slice(start, start + _FREQUENCIES_AT_ONCE)
             for rows in self.pieces:
                 signal = np.ascontiguousarray(values[:, rows].T)
                 for wave in _waves(self.t[rows], frequency[part]):
@@ -238,7 +248,7 @@ class Clock:
 
     def peak(self, values: Array, shares: Array) -> Oscillation:
         """The sinusoid of the largest share on the grid, sought between its points too."""
-        spacing = self.frequency[0] / self.settings.oversampling
+        spacing = self.frequency[0] / _OVERSAMPLING
         near = self.frequency[shares.argmax()] + np.linspace(-1.0, 1.0, 41) * spacing
         return Oscillation(self, float(near[self.shares(values[None], near)[:, 0].argmax()]))
 
@@ -278,7 +288,7 @@ def _robust_clip(values: Array) -> Array:
     spread = robust_scale(centred)
     if spread == 0.0:  # more than half of them are equal
         spread = np.abs(centred).mean()
-    clipped = np.clip(centred, -SETTINGS.clip * spread, SETTINGS.clip * spread)
+    clipped = np.clip(centred, -_CLIP * spread, _CLIP * spread)
     return clipped - clipped.mean()
 
 
@@ -290,7 +300,7 @@ def correlation_length(values: Array, codes: NDArray[np.intp]) -> float:
     centred = values - values.mean()
     variance = float(np.square(centred).mean())
     total, noise = 0.0, 2.0 / np.sqrt(len(values))
-    for lag in range(1, min(SETTINGS.longest_lag, len(values) // 4) + 1):
+    for lag in range(1, min(_LONGEST_LAG, len(values) // 4) + 1):
         together = codes[lag:] == codes[:-lag]
         if variance == 0.0 or not together.any():
             break
@@ -306,8 +316,8 @@ def _block_length(values: Array, codes: NDArray[np.intp]) -> int:
     length = max(correlation_length(one, codes) for one in (values, np.abs(values)))
     if length == 1.0:
         return 1
-    longest = len(values) // SETTINGS.fewest_blocks
-    return int(max(1, min(np.ceil(SETTINGS.lengths_a_block * length), longest)))
+    longest = len(values) // _FEWEST_BLOCKS
+    return int(max(1, min(np.ceil(_LENGTHS_A_BLOCK * length), longest)))
 
 
 def rearrangements(n_rows: int, block: int, n_permutations: int, rng) -> NDArray[np.int32]:

@@ -28,6 +28,11 @@ from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
 
+# Quantiles of the distance from the surface: bins are narrow where it is small.
+_NEAR_SURFACE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8)
+_NAMED_SHAPE = 0.8  # a shape is named if it holds this share of what the bins hold
+_MOST_DIGITS = 6  # numbers with more before or behind the point have an exponent
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -152,7 +157,7 @@ def _rounds(samples: ResidualSamples, clock: Clock | None, n_lags: int) -> Round
         numbers = np.unique(samples.modes, return_inverse=True)[1]
         channels.append(make_channel("mode", numbers.astype(float), "mode"))
     if samples.nearness is not None:
-        quantiles = np.array(SETTINGS.near_surface)
+        quantiles = np.array(_NEAR_SURFACE)
         spread = [make_channel("the switching surface", samples.nearness, "surface", quantiles)]
 
     pairs = [make_pair(*both) for both in islice(combinations(columns, 2), SETTINGS.most_pairs)]
@@ -259,7 +264,7 @@ def describe(name: str, coordinate: Array, values: Array, share: float) -> str:
     }
     for shapes in (simple, both):
         best = max(shapes, key=lambda shape: shapes[shape])
-        if shapes[best] >= SETTINGS.named_shape * share:
+        if shapes[best] >= _NAMED_SHAPE * share:
             return words[best]
     return "a curve"
 
@@ -271,6 +276,6 @@ def rounded(place: float, x: Array) -> str:
         low, high = x[0], x[-1]
     digits = int(np.ceil(-np.log10((high - low) / 20.0)))
     rounded = round(place, digits) + 0.0
-    if digits > SETTINGS.most_digits or abs(rounded) >= 10.0**SETTINGS.most_digits:
+    if digits > _MOST_DIGITS or abs(rounded) >= 10.0**_MOST_DIGITS:
         return f"{rounded:.3g}"
     return f"{rounded:.{max(digits, 0)}f}"

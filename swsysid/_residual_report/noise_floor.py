@@ -17,6 +17,10 @@ from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
 
+_CLIP_OF_SIZE = 2.0  # of the size of noise: neighbours across a jump count little
+_N_NEIGHBOURS = 10  # points of the line that meets distance zero at the variance
+_MOST_ROWS_OF_NEIGHBOURS = 5000  # a size from so many rows is known to 1 %
+
 
 @dataclass(frozen=True)
 class NoiseFloor:
@@ -132,7 +136,7 @@ def _clipped_size(values: Array) -> float:
 
     The factor makes it the standard deviation of Gaussian values, which lose 8 % of their variance.
     """
-    reach = SETTINGS.clip_of_size
+    reach = _CLIP_OF_SIZE
     limit = reach * robust_scale(values)
     if limit == 0.0:  # more than half of them are zero
         return float(np.sqrt(np.square(values).mean()))
@@ -149,12 +153,12 @@ def _in_time(values: Array, groups) -> float:
 
 def _in_space(values: Array, X: Array) -> float:
     X = X[:, X.std(axis=0) > 0.0]
-    if len(X) < 3 * SETTINGS.n_neighbours or not X.shape[1]:
+    if len(X) < 3 * _N_NEIGHBOURS or not X.shape[1]:
         return np.nan
     X = (X - X.mean(axis=0)) / X.std(axis=0)
-    most = SETTINGS.most_rows_of_neighbours
+    most = _MOST_ROWS_OF_NEIGHBOURS
     rows = np.arange(len(X)) if len(X) <= most else spread_rows(len(X), most)
-    search = NearestNeighbors(n_neighbors=SETTINGS.n_neighbours + 1).fit(X)
+    search = NearestNeighbors(n_neighbors=_N_NEIGHBOURS + 1).fit(X)
     distance, neighbour = search.kneighbors(X[rows])
     # Column 0 is the row itself, or one that equals it.
     difference = (values[rows, None] - values[neighbour[:, 1:]]) / np.sqrt(2.0)

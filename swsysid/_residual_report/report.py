@@ -16,7 +16,7 @@ from swsysid._residual_report.contents import (
     table_of_findings,
     table_of_sizes,
 )
-from swsysid._residual_report.dependence import Clock
+from swsysid._residual_report.dependence import FEWEST_ROWS_OF_A_PIECE, Clock
 from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid._residual_report.findings import Case, examine_all, findings_of
 from swsysid._residual_report.noise_floor import sizes
@@ -231,7 +231,7 @@ def _clock(samples: ResidualSamples) -> tuple[Clock | None, dict[str, str]]:
         return None, skipped
     clock = Clock.of(records.t, samples.codes)
     if clock is None:
-        skipped["spectrum"] = f"no trajectory has {SETTINGS.fewest_rows_of_a_piece} rows"
+        skipped["spectrum"] = f"no trajectory has {FEWEST_ROWS_OF_A_PIECE} rows"
     return clock, skipped
 
 

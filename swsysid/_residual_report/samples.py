@@ -30,6 +30,8 @@ from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
 from swsysid._surfaces.surface import gives_values, has_decisions
 
+_FEWEST_ROWS_OF_A_MODE = 60  # of a mode examined by itself, as its tests share the level
+
 
 class Predictor(Protocol):
     """A fitted model, whose `predict` may also take `t`, `groups` and `signals` by name."""
@@ -132,7 +134,7 @@ class ResidualSamples:
             return parts
         for mode in np.unique(self.modes):
             rows = np.flatnonzero(self.modes == mode)
-            if len(rows) >= SETTINGS.fewest_rows_of_a_mode:
+            if len(rows) >= _FEWEST_ROWS_OF_A_MODE:
                 parts.append((mode.item(), rows))
         return parts
 

@@ -16,6 +16,9 @@ from swsysid._residual_report.samples import ResidualSamples
 from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
 
+_ROWS_A_LAG = 5
+_LEVEL_OF_A_TRAJECTORY = 0.01
+
 
 @dataclass(frozen=True)
 class WhitenessTest:
@@ -134,12 +137,12 @@ def _coloured(scores: Array, codes: NDArray, names: NDArray, n_lags: int) -> tup
     long_enough, p_values = [], []
     for code, name in enumerate(names.tolist()):
         rows = scores[codes == code]
-        if len(rows) >= SETTINGS.rows_a_lag * n_lags and np.ptp(rows) > 0.0:
+        if len(rows) >= _ROWS_A_LAG * n_lags and np.ptp(rows) > 0.0:
             long_enough.append(name)
             p_values.append(float(acorr_ljungbox(rows, lags=[n_lags])["lb_pvalue"].iloc[0]))
     if not long_enough:
         return ()
-    rejected = holm(p_values) <= SETTINGS.level_of_a_trajectory
+    rejected = holm(p_values) <= _LEVEL_OF_A_TRAJECTORY
     return tuple(name for name, is_not in zip(long_enough, rejected, strict=True) if is_not)
 
 

@@ -18,8 +18,8 @@ from inspect import signature
 
 from sklearn.base import BaseEstimator
 
-from swsysid._automaton.first_modes import FirstModes
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._classifier import PolynomialSurfaceClassifier

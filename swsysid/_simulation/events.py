@@ -109,6 +109,8 @@ def first_switch(
     accuracy of the integration and are no switch. Where only modes are known, a visit shorter
     than a quarter of the step can be missed.
     """
+    if not system.has_surfaces:
+        return None
     parts = np.linspace(0.0, 1.0, SETTINGS.n_parts + 1)
     times = piece.start + (piece.stop - piece.start) * parts
     states = piece.state(times).T

@@ -61,6 +61,11 @@ class SwitchingSystem(Laws, Protocol):
         return None
 
     @property
+    def has_surfaces(self) -> bool:
+        """False if state and inputs never change the mode."""
+        return True
+
+    @property
     def has_surface_values(self) -> bool:
         """True if events are located on `surface_values` and not on the mode alone."""
         return False
@@ -110,6 +115,11 @@ class GuardedSystem(GuardedLaws):
     """A switching system whose failures are non-finite velocities or an orderly end."""
 
     system: SwitchingSystem
+
+    @property
+    def has_surfaces(self) -> bool:
+        """True if the mode may change along a flow."""
+        return self.system.has_surfaces
 
     @property
     def has_values(self) -> bool:

@@ -8,15 +8,14 @@ measured; with the laws given, the stays are decoded.
 library, surface and number of modes. *Out*: a `StayIdentification` with its model, standard errors
 and doubts.
 
-In reading order: `given`, `pieces`, `sensors`, `origin` and `recordings` are what is measured,
-`input_holds` says when inputs step;
-`stays` and `nodes` say modes, instants and a state at every time. `laws`, `polynomial_laws`,
-`sliding`, `guards` and `resets` are vector fields, surfaces and jumps with derivatives. *Estimate*:
-`flow`, `equations`, `segments`, `arrow`, `lifted`, `descent`, all intervals in one pass. *Assign*:
-`filtering`, `decoding`, `assign`. *Refit the surface*: `surfaces`, `monomials`. `start`,
-`identify`, `search`, `count`, `grown`, `merged`, `terms` are rounds, starts, numbers of modes and
-terms; `retold` and `visits` tell single stays otherwise; `intervals` and `exact` are for recordings
-without noise. `weighted` counts samples by their noise; `certainty`, `doubts`, `free`, `free_runs`
-and `reported` say how sure all that is. `rollouts` and `sensitivities` are whole rollouts with
+In reading order: `given`, `pieces`, `origin` and `recordings` are what is measured, `input_holds`
+says when inputs step; `stays` and `nodes` say modes, instants and a state at every time. `laws`,
+`polynomial_laws`, `sliding`, `guards` and `resets` are vector fields, surfaces and jumps with
+derivatives. *Estimate*: `flow`, `equations`, `segments`, `arrow`, `lifted`, `descent`, all
+intervals in one pass. *Assign*: `filtering`, `decoding`, `assign`. *Refit the surface*: `surfaces`,
+`monomials`. `start`, `identify`, `search`, `count`, `merged` are rounds, starts and numbers of
+modes; `retold` tells single stays otherwise; `intervals` and `exact` are for recordings without
+noise. `weighted` counts samples by their noise; `certainty`, `doubts`, `free` and
+`recording_report` say how sure all that is. `rollouts` and `sensitivities` are whole rollouts with
 their derivatives, on which `refine` stands.
 """

@@ -10,17 +10,21 @@ With B the blocks, E the border and D the corner,
     S z = d - E^\top B^{-1} b, \quad x = B^{-1} (b - E z), \quad S = D - E^\top B^{-1} E
 
 takes a time that grows with the number of unknowns, not with its third power.
+
+What equations of least squares do not tell of their unknowns has an infinite variance.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 
 from swsysid._results import Array
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -57,12 +61,27 @@ class Arrow:
 
         The diagonal of S grows by a share of its own, and by what it has at least.
         """
-        band = cholesky_banded(self.band, lower=True, check_finite=False, overwrite_ab=True)
-        reached = cho_solve_banded((band, True), self.border, check_finite=False)
-        schur = self.corner - self.border.T @ reached
+        (band, reached, _), schur = self._eliminated, self.schur.copy()
         more = damping * np.maximum(np.diag(schur), 0.0) + least
         schur[np.diag_indices_from(schur)] += more
         return Factor(band, self.border, reached, cho_factor(schur, check_finite=False), more)
+
+    @property
+    def schur(self) -> Array:
+        """What S says of the corner once the band is eliminated."""
+        return self._eliminated[2]
+
+    @property
+    def log_det_of_band(self) -> float:
+        """Logarithm of the determinant of B."""
+        return 2.0 * float(np.log(self._eliminated[0][0]).sum())
+
+    @cached_property
+    def _eliminated(self) -> tuple[Array, Array, Array]:
+        """Lower factor of B, B^-1 E, and S."""
+        band = cholesky_banded(self.band, lower=True, check_finite=False)
+        reached = cho_solve_banded((band, True), self.border, check_finite=False)
+        return band, reached, self.corner - self.border.T @ reached
 
 
 @dataclass(frozen=True)
@@ -108,3 +127,30 @@ class Factor:
         if not right.size:
             return right
         return np.asarray(cho_solve(self.corner, right, check_finite=False))
+
+
+def covariance_of(information: Array) -> Array:
+    """The inverse of a matrix of least squares, infinite on the diagonal where it tells nothing.
+
+    Unknowns of which only a combination is told, such as rate and constant of a mode that rests at
+    its fixed point, are not told either.
+
+    Examples
+    --------
+    >>> covariance_of(np.array([[4.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 4.0]])).diagonal()
+    array([0.25,  inf,  inf])
+    """
+    diagonal = np.diag(information)
+    told = diagonal > 0.0
+    unit = 1.0 / np.sqrt(np.where(told, diagonal, 1.0))
+    sizes, directions = np.linalg.eigh(information * unit[:, None] * unit)
+    lost = sizes <= LIMITS.rounding * max(1.0, float(sizes.max(initial=0.0)))
+    kept = directions[:, ~lost]
+    covariance = (kept / sizes[~lost]) @ kept.T * unit[:, None] * unit
+    # a direction that is lost is one of all unknowns in it, but for rounding
+    share = np.square(directions[:, lost]).sum(axis=1)
+    every = np.arange(len(information))
+    covariance[every, every] = np.where(
+        told & (share <= LIMITS.exactly), np.diag(covariance), np.inf
+    )
+    return np.asarray(covariance)

@@ -20,9 +20,11 @@ from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings, pieces_of
 from swsysid._stays.samples import intervals_of
-from swsysid._stays.settings import LIMITS, StaySettings
+from swsysid._stays.settings import StaySettings
 from swsysid._stays.sliding import SlidingLaws, slides_there
 from swsysid._stays.stays import Stays
+
+_STEADY = 0.01  # of a velocity: by how much it varies at least
 
 
 @dataclass(frozen=True)
@@ -94,10 +96,7 @@ def assign(
             break
         best = better
     _, decoded = found(best)
-    modes = np.zeros(recordings.steps.shape, dtype=np.intp)
-    for place, piece in enumerate(places):
-        rows = slice(piece.first - piece.begin, piece.last - piece.begin)
-        modes[piece.first : piece.last, piece.recording] = decoded.modes[rows, place]
+    modes = recordings.of_pieces(decoded.modes, places)
     for k, n in enumerate(recordings.lengths):
         modes[n - 1 :, k] = modes[n - 2, k]
     return Assigned(modes, disturbances[best])
@@ -111,7 +110,7 @@ def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> 
     velocities = np.array([laws.velocities(modes + j, x, u) for j in laws.modes])
     size = np.sqrt(np.square(velocities).mean(axis=(0, 1)))
     # laws that are constant are disturbed, too
-    spread = np.maximum(np.median(velocities.std(axis=1), axis=0), LIMITS.steady * size)
+    spread = np.maximum(np.median(velocities.std(axis=1), axis=0), _STEADY * size)
     unit = spread * np.sqrt(settings.memory * recordings.interval)
     return np.outer(settings.disturbances, unit)
 

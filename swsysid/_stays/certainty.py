@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._results import Array
-from swsysid._stays.identification import StayIdentification
-from swsysid._stays.noise import counted_as_one
+from swsysid._stays.identification import StayIdentification, counted_as_one
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
 

@@ -21,8 +21,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from swsysid._results import Array
-from swsysid._stays.identification import StayIdentification
-from swsysid._stays.noise import counted_as_one
+from swsysid._stays.identification import StayIdentification, counted_as_one
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays

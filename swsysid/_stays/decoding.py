@@ -8,6 +8,7 @@ same interval have the same future but for a little of the state: the better one
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from swsysid._results import Array
 from swsysid._stays.filtering import Belief, Filter, corrected, first_belief
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.settings import LIMITS
+
+_DIVERGED_NATS = -1e6  # log likelihood of a sample that has none, since its rollout diverges
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ class _Beam:
         ahead, gained = filter_.ahead(k, self.belief, self.modes)
         belief, seen = corrected(ahead, y, filter_.noise)
         gained = gained + seen
-        gained[np.isnan(gained)] = LIMITS.diverged_nats
+        gained[np.isnan(gained)] = _DIVERGED_NATS
         # at the first sample every mode has its hypothesis, and none needs to enter it
         scores = self.scores[:, :, None] + gained - np.where(enters, price if k else np.inf, 0.0)
         if prior is not None:
@@ -118,3 +120,39 @@ class _Beam:
             np.where(row, self.scores, before.scores),
             np.where(row, self.parents, np.arange(self.scores.shape[1])),
         )
+
+
+# -- where costs need no states -------------------------------------------------------------------
+
+
+def cheapest_modes(costs: Array, begins: NDArray[np.bool_], price: float) -> NDArray[np.intp]:
+    """Modes of least cost (n_rows, n_modes), a switch at a price but where a stretch begins.
+
+    >>> costs = np.array([[0.0, 9.0], [1.0, 0.0], [0.0, 9.0], [9.0, 0.0]])
+    >>> cheapest_modes(costs, np.arange(4) == 0, price=2.0)
+    array([0, 0, 0, 1])
+    """
+    stretch = np.cumsum(begins) - 1
+    place = np.arange(len(costs)) - np.flatnonzero(begins)[stretch]
+    side_by_side = np.zeros((place.max() + 1, stretch[-1] + 1, costs.shape[1]))
+    side_by_side[place, stretch] = costs
+    moves = price * (1.0 - np.eye(costs.shape[1]))
+    steps = (moves + one[:, None, :] for one in side_by_side[1:])
+    return cheapest_path(side_by_side[0], steps)[place, stretch]
+
+
+def cheapest_path(first: Array, steps: Iterable[Array]) -> NDArray[np.intp]:
+    """Modes of least cost, (n_times, n_recordings).
+
+    `first` are the costs of those at the first time, (n_recordings, n_modes), and `steps` those of
+    each mode after each one before, (n_recordings, n_modes, n_modes).
+    """
+    least, parents = first, []
+    for cost in steps:
+        total = least[:, :, None] + cost
+        parents.append(total.argmin(axis=1))
+        least = total.min(axis=1)
+    modes, every = [least.argmin(axis=1)], np.arange(len(first))
+    for came in reversed(parents):
+        modes.append(came[every, modes[-1]])
+    return np.array(modes[::-1])

@@ -19,7 +19,10 @@ from swsysid._stays.laws import slopes_of
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples, left_over, states_of
-from swsysid._stays.settings import LIMITS
+
+# Samples that follow no law: chance of one among all of noise alone, and the share of them above
+# which they are no outliers but what a law lacks.
+_BY_CHANCE, _MOST_APART = 1e-3, 0.05
 
 
 def surface_doubts(
@@ -124,10 +127,10 @@ class FitLeft:
         ]
         sizes = np.abs(np.vstack(parts))
         n_values = max(1, int(np.isfinite(sizes).sum()))
-        far = np.nan_to_num(sizes) > norm.isf(LIMITS.by_chance / (2.0 * n_values))
+        far = np.nan_to_num(sizes) > norm.isf(_BY_CHANCE / (2.0 * n_values))
         n_samples = int(np.isfinite(sizes).any(axis=1).sum())  # rows of inputs alone are none
         places = np.flatnonzero(far.any(axis=1))
-        if len(places) > LIMITS.most_apart * n_samples:
+        if len(places) > _MOST_APART * n_samples:
             places = places[:0]
         sizes[places] = np.nan
         count = np.maximum(1, np.isfinite(sizes).sum(axis=0))

@@ -30,6 +30,9 @@ from swsysid._stays.nodes import Rows
 from swsysid._stays.segments import Eliminated, Ties
 from swsysid._stays.settings import LIMITS
 
+_MORE_ROUNDING = 100.0  # by which that of the diagonal grows until equations can be solved
+_UNTOLD = 0.1  # part of a direction that nothing else tells, of a coefficient in it
+
 
 @dataclass
 class NodeEquations:
@@ -239,7 +242,7 @@ class NodeEquations:
                     self.shared, self.stiffness + hold, self.since,
                 )  # fmt: skip
             except LinAlgError:  # not positive by rounding
-                held *= LIMITS.more_rounding
+                held *= _MORE_ROUNDING
 
     def _reduced(
         self, hold: float, of_nodes: float
@@ -350,7 +353,7 @@ class Covariance:
 
     @property
     def _untold(self) -> NDArray[np.bool_]:
-        return np.asarray(np.diag(self._corner) > LIMITS.untold / self.held)
+        return np.asarray(np.diag(self._corner) > _UNTOLD / self.held)
 
     @property
     def _in_own_units(self) -> Array:

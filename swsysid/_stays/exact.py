@@ -20,11 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
+from swsysid._stays.decoding import cheapest_path
 from swsysid._stays.intervals import Intervals, flow
 from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.stays import Stays
+
+_JUMP = 0.3  # of a usual change: where others jump by more, less is an error of a solver
+# Instants in an interval from which those are sought at which flows meet, and steps to there.
+_SHARES, _TURNS_OF_SHARES = 5, 6
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,7 @@ def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> E
     for brief in (False, True):
         costs = np.tile(price * (1.0 - np.eye(n_modes)), (*recordings.steps.shape, 1, 1))
         costs[place] = told.costs(price)
-        modes = _likeliest(costs)
+        modes = cheapest_path(np.zeros(costs.shape[1:3]), costs)
         chosen = np.arange(len(place[0])), modes[:-1][place], modes[1:][place]
         left = told.misses[chosen] > LIMITS.nearly_exactly
         if brief or not left.any() or len(laws.spread) < 2:
@@ -125,7 +130,7 @@ def _jumps(laws: Laws, recordings: Recordings, left: NDArray[np.bool_]) -> NDArr
     gaps = [
         np.abs(some.states[1] - some.flown(laws, np.full(len(some), mode))) for mode in laws.modes
     ]
-    least = np.maximum(LIMITS.jump * intervals.usual, np.finfo(float).tiny)
+    least = np.maximum(_JUMP * intervals.usual, np.finfo(float).tiny)
     far = (np.array(gaps) / least).max(axis=2).min(axis=0) > 1.0
     at_events = np.abs(Intervals.of_events(recordings).changes) > least
     jumps = left.copy()
@@ -198,13 +203,13 @@ def _missed(laws: Laws, intervals: Intervals, path: Sequence[int]) -> tuple[Arra
     if not n_switches:
         none = np.zeros((n, 0))
         return np.abs(_gaps(laws, intervals, path, none)[0]).max(axis=1), none
-    grid = (np.arange(LIMITS.shares) + 0.5) / LIMITS.shares
+    grid = (np.arange(_SHARES) + 0.5) / _SHARES
     starts = np.array(list(combinations_with_replacement(grid, n_switches)))
     # from all of them: where two velocities are alike somewhere, flows nearly meet twice
     parts = np.repeat(starts, n, axis=0)
     many = intervals.take(np.tile(np.arange(n), len(starts)))
     least, best = np.full(len(parts), np.inf), parts
-    for _ in range(LIMITS.turns_of_shares):
+    for _ in range(_TURNS_OF_SHARES):
         gaps, rates = _gaps(laws, many, path, parts)
         size = np.nan_to_num(np.abs(gaps).max(axis=1), nan=np.inf)
         best = np.where((size < least)[:, None], parts, best)
@@ -240,19 +245,3 @@ def _gaps(
     spread = laws.spread[:, None]
     by_parts = np.stack(slopes, axis=2) if slopes else np.zeros((n, len(laws.spread), 0))
     return (x - y) / laws.spread, by_parts / spread
-
-
-def _likeliest(costs: Array) -> NDArray[np.intp]:
-    """Modes of least cost, (n_times, n_recordings); costs (n_times - 1, n_recordings, old, new)."""
-    n_steps, n_recordings, n_modes, _ = costs.shape
-    every = np.arange(n_recordings)
-    least, parents = np.zeros((n_recordings, n_modes)), []
-    for cost in costs:
-        total = least[:, :, None] + cost
-        parents.append(total.argmin(axis=1))
-        least = total.min(axis=1)
-    modes = np.empty((n_steps + 1, n_recordings), dtype=np.intp)
-    modes[-1] = least.argmin(axis=1)
-    for k in range(n_steps - 1, -1, -1):
-        modes[k] = parents[k][every, modes[k + 1]]
-    return modes

@@ -26,8 +26,11 @@ import numpy as np
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes, slope_of
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws
+
+# How well a rough state is known, in spreads; what one sample may cost in squares: outliers are
+# bounded.
+_ROUGHLY_KNOWN, _MOST_SQUARES = 0.5, 60.0
 
 
 class Belief(NamedTuple):
@@ -185,7 +188,7 @@ class FlowFilter:
             mean[..., slide] = own - reach / variance * value
             covariance[..., slide] = wide - reach[:, None] * reach[None] / variance
             change = np.square((gradient * jump[..., slide]).sum(axis=0))
-            squares = np.minimum(np.square(value) / variance, LIMITS.most_squares)
+            squares = np.minimum(np.square(value) / variance, _MOST_SQUARES)
             change = np.maximum(change, np.finfo(float).tiny)
             entered = -0.5 * (squares + np.log(2.0 * np.pi * variance / change))
             nats[..., slide] = np.where(modes != slide, entered, 0.0)
@@ -238,7 +241,7 @@ def _surfaces(laws: Laws, x: Array, u: Array, shape: tuple[int, int]) -> Surface
 def first_belief(filter_: Filter, y: Array, guess: Array) -> Belief:
     """Of the first samples (n_recordings, n_states); what is not measured is roughly known."""
     seen = np.isfinite(y)
-    variance = np.square(np.where(seen, filter_.noise, LIMITS.roughly_known * filter_.spread))
+    variance = np.square(np.where(seen, filter_.noise, _ROUGHLY_KNOWN * filter_.spread))
     return Belief(np.where(seen, y, guess).T, variance.T * np.eye(y.shape[1])[:, :, None])
 
 
@@ -267,5 +270,5 @@ def corrected(ahead: Belief, y: Array, noise: Array) -> tuple[Belief, Array]:
         if not seen.all():
             exact = np.where(seen, exact, covariance[k])
         covariance[k], covariance[:, k] = exact, exact
-    likelihood = -0.5 * (np.minimum(squares, LIMITS.most_squares) + logarithms)
+    likelihood = -0.5 * (np.minimum(squares, _MOST_SQUARES) + logarithms)
     return Belief(mean, covariance), likelihood

@@ -18,7 +18,8 @@ from swsysid._stays.guards import Crossings
 from swsysid._stays.laws import Laws, Modes, chained, slope_of
 from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.resets import Resets
-from swsysid._stays.settings import LIMITS
+
+_CHUNK = 8192  # intervals that are worked at once, so that they stay in the cache
 
 
 class Legs(NamedTuple):
@@ -48,8 +49,8 @@ def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
     for mode in dict.fromkeys(mode for mode, _ in nodes.segments):
         waiting: list[Rows] = []
         for rows in (rows for own, rows in nodes.segments if own == mode):
-            for chunk in np.array_split(rows, max(1, round(rows.size / LIMITS.chunk)), axis=1):
-                if sum(one.size for one in (*waiting, chunk)) > LIMITS.chunk:
+            for chunk in np.array_split(rows, max(1, round(rows.size / _CHUNK)), axis=1):
+                if sum(one.size for one in (*waiting, chunk)) > _CHUNK:
                     yield from _steady(laws, mode, nodes, waiting, states)
                     waiting = []
                 waiting.append(chunk)

@@ -1,7 +1,11 @@
-"""Recordings as a user gives them, checked: measured channels, times and inputs."""
+"""Recordings as a user gives them, checked: measured channels, times and inputs.
+
+Of samples at an end of the range of their sensor the true value lies beyond, and is missing.
+"""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Integral
@@ -11,10 +15,17 @@ from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
 from swsysid._checks.parameters import shown
-from swsysid._data.input_steps import Hold
-from swsysid._data.recordings import Record
-from swsysid._data.trajectories import evened, group_labels, is_coarse, trajectories
-from swsysid._results import Array, Trajectory
+from swsysid._data.recordings import Hold, Record
+from swsysid._data.trajectories import (
+    evened,
+    group_labels,
+    how_to_unwrap,
+    is_coarse,
+    trajectories,
+    turn_of,
+)
+from swsysid._results import Array, IdentificationWarning, Trajectory
+from swsysid.differentiation import inspect_sensors
 
 INPUTS = ("u", "U", "input")  # what others call inputs
 FEWEST_SAMPLES = 8  # of a recording: a filter of five with two more to each side than it needs
@@ -257,3 +268,40 @@ def check_observed(observed: object, given: Given) -> None:
             "of states that nobody measures cannot be started from data: state them in a "
             "StatedModel and call refine with observed, or give positions with order=2."
         )
+
+
+def warn_of_turns(given: Given) -> None:
+    """Say which channels are angles that begin anew after a turn."""
+    names = given.names or [f"column {k} of x" for k in range(given.n_channels)]
+    for k in range(given.n_channels):
+        turn = turn_of([record.y[:, k] for record in given.records])
+        if turn is not None:
+            warnings.warn(f"{how_to_unwrap(names[k], turn)}.", IdentificationWarning, stacklevel=3)
+
+
+def without_clipped(given: Given) -> Given:
+    """The recordings with clipped samples missing, and one sentence that counts them."""
+    lengths = [len(record.t) for record in given.records]
+    labels = np.repeat(np.arange(len(lengths)), lengths)
+    clipped = inspect_sensors(np.vstack([r.filled for r in given.records]), labels).clipped
+    clipped &= np.isfinite(np.vstack([record.y for record in given.records]))
+    if not clipped.any():
+        return given
+    names = given.names or [f"x{k}" for k in range(given.n_channels)]
+    counts = ", ".join(
+        f"{count} of {name}"
+        for count, name in zip(clipped.sum(axis=0), names, strict=False)
+        if count
+    )
+    warnings.warn(
+        f"samples stand at an end of the range of their sensor ({counts}) and count as missing; "
+        "record with a wider range.",
+        IdentificationWarning,
+        stacklevel=5,
+    )
+    parts = np.split(clipped, np.cumsum(lengths)[:-1])
+    records = [
+        replace(record, y=np.where(part, np.nan, record.y))
+        for record, part in zip(given.records, parts, strict=True)
+    ]
+    return replace(given, records=records)

@@ -30,25 +30,22 @@ from swsysid._stays.assign import (
 )
 from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
-from swsysid._stays.identification import StayIdentification, StayRecord
+from swsysid._stays.identification import StayIdentification, StayRecord, leaves_noise, noise_of
 from swsysid._stays.lifted import Estimate, recombined
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.nodes import Nodes
-from swsysid._stays.noise import leaves_noise, noise_of
 from swsysid._stays.polynomial_laws import laws_of
-from swsysid._stays.recordings import Recordings
-from swsysid._stays.retold import retold
+from swsysid._stays.recordings import Recordings, in_exact_steps
+from swsysid._stays.retold import Turns, retold, with_visits, without_visits
 from swsysid._stays.samples import intervals_of, misfits, named_as, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
-from swsysid._stays.steps import in_exact_steps
 from swsysid._stays.surfaces import (
     on_present_modes,
     on_surface,
     with_few_monomials,
     with_surface,
 )
-from swsysid._stays.visits import Turns, with_visits, without_visits
 from swsysid._ties import least_of
 
 

@@ -17,15 +17,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swsysid._data.input_steps import Hold, staircases
+from swsysid._data.recordings import Hold, staircases
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.printing import counted
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.given import Given
-from swsysid._stays.identification import StayIdentification
+from swsysid._stays.identification import StayIdentification, leaves_noise
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
-from swsysid._stays.noise import leaves_noise
 from swsysid._stays.origin import Origin
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import states_of

@@ -29,6 +29,10 @@ from swsysid._stays.settings import LIMITS
 from swsysid._stays.start import Differentiated
 from swsysid.differentiation import Derivatives
 
+# Part of a miss by which it changes where laws are found; of the largest singular value of the
+# features of a mode, the least that tells a coefficient; steps of a flow through an interval.
+_SAME_MISS, _TOLD, _STEPS_OF_FLOWS = 1e-3, 1.5e-8, 4
+
 
 @dataclass(frozen=True)
 class Intervals:
@@ -180,7 +184,7 @@ class IntervalLaws:
 
 def flow(laws: Laws, modes: NDArray[np.intp], x: Array, u: Array, v: Array, h: Array) -> Array:
     """States after some time with inputs that go from u to v, in steps that are fine enough."""
-    n_steps = LIMITS.steps_of_flows
+    n_steps = _STEPS_OF_FLOWS
     for k in range(n_steps):
         before, after = (u + part / n_steps * (v - u) for part in (k, k + 1))
         x = laws.step(modes, x, before, after, h / n_steps)
@@ -195,7 +199,7 @@ def laws_of(
     for _ in range(turns):
         before, weights = found.misses, 1.0 / _bounded(found.misses)
         found = _judged(_refitted(found, weights), free, features, intervals)
-        if np.abs(np.log(_bounded(found.misses) / _bounded(before))).max() < LIMITS.same_miss:
+        if np.abs(np.log(_bounded(found.misses) / _bounded(before))).max() < _SAME_MISS:
             break
     # what a law does not explain has no say in what nothing else tells of it
     weights = np.where(found.unexplained, 0.0, 1.0)
@@ -292,7 +296,7 @@ def _moved(
         rows = weighted[:, own]
         told = _leverages(rows) < 1.0 - LIMITS.nearly_exactly
         target = left[told][:, states] * weights[told, None]
-        solved = np.linalg.lstsq(rows[told], target, rcond=LIMITS.told)[0]
+        solved = np.linalg.lstsq(rows[told], target, rcond=_TOLD)[0]
         moved[np.ix_(states, own)] = solved.T
     return moved / units
 
@@ -300,5 +304,5 @@ def _moved(
 def _leverages(rows: Array) -> Array:
     """How far each row alone decides what a fit is there, from 0 to 1."""
     left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
-    kept = sizes > LIMITS.told * sizes.max(initial=0.0)
+    kept = sizes > _TOLD * sizes.max(initial=0.0)
     return np.asarray(np.square(left[:, kept]).sum(axis=1))

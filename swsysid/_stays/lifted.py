@@ -31,6 +31,13 @@ from swsysid._stays.resets import Resets
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws, with_slides
 
+# Intervals that an instant may move at once, and by which a crossing may miss its surface and is on
+# it.
+_FARTHEST_MOVE, _ON_SURFACE = 2.0, 0.25
+# Ties, in units of the noise, from which pairs are eliminated: at 1e-5 rounding takes 1.5e-6 of
+# what a step promises, one interval after the other half of that.
+_TIGHTLY = 1e-4
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -95,9 +102,9 @@ class Estimate:
         misses = self.guards.misses(self.crossings)
         instants = self.nodes.instants.copy()
         interval = self.nodes.recordings.interval
-        if (np.abs(misses.times) < LIMITS.on_surface * interval).all():
+        if (np.abs(misses.times) < _ON_SURFACE * interval).all():
             return self
-        farthest = LIMITS.farthest_move * interval
+        farthest = _FARTHEST_MOVE * interval
         move = -misses.times * np.sign(misses.by_instants)
         instants[misses.switches] += np.clip(move, -farthest, farthest)
         return replace(self, nodes=self.nodes.moved(instants))
@@ -116,7 +123,7 @@ class Estimate:
         )
         coef = self.laws.coef.copy()
         coef[self.laws.places] += of_laws
-        farthest = LIMITS.farthest_move * self.nodes.recordings.interval
+        farthest = _FARTHEST_MOVE * self.nodes.recordings.interval
         nodes, later = self.nodes.stepped(of_steps)
         nodes = nodes.moved(nodes.instants + np.clip(of_instants, -farthest, farthest))
         moved = replace(
@@ -150,7 +157,7 @@ class Estimate:
             return self
         flown, depth = replace(self, states=self.states.copy()), rows - np.arange(len(rows))
         run = np.arange(len(rows)) - np.searchsorted(depth, depth)  # place among neighbours
-        farthest = ceil(LIMITS.farthest_move * self.nodes.recordings.per_sample)
+        farthest = ceil(_FARTHEST_MOVE * self.nodes.recordings.per_sample)
         for place in range(min(int(run.max()) + 1, farthest)):
             own = rows[run == place]
             flown.states[own] = flown.ends(np.searchsorted(self.nodes.begins, own - 1))
@@ -220,7 +227,7 @@ class Objective:
     def normal_equations(self, estimate: Estimate) -> NodeEquations:
         """Gauss and Newton's equations."""
         nodes, states, guards, resets = (
-            estimate.nodes.joined(self.tie >= LIMITS.tightly), estimate.states, estimate.guards,
+            estimate.nodes.joined(self.tie >= _TIGHTLY), estimate.states, estimate.guards,
             estimate.resets,
         )  # fmt: skip
         n_laws, n_guards = estimate.laws.n_free, 0 if guards is None else guards.n_free

@@ -1,8 +1,11 @@
-r"""One mode fewer than those of an answer: the two whose laws differ least become one.
+r"""One mode fewer than those of an answer, or one more.
 
-With the covariance :math:`\Sigma` of both laws together, their difference :math:`d` lowers the
-likelihood by :math:`\tfrac12 d^\top \Sigma_d^{-1} d` where they are made equal, as long as stays
-remain; the law of both is the mean of the two, each weighted by the inverse of its covariance.
+*Fewer*: the two whose laws differ least become one. With the covariance :math:`\Sigma` of both
+laws together, their difference :math:`d` lowers the likelihood by
+:math:`\tfrac12 d^\top \Sigma_d^{-1} d` where they are made equal, as long as stays remain; the law
+of both is the mean of the two, each weighted by the inverse of its covariance.
+
+*More*: the law of the segment that those of the answer explain worst.
 """
 
 from __future__ import annotations
@@ -13,12 +16,21 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.identification import StayIdentification
-from swsysid._stays.settings import LIMITS
+from swsysid._stays.identification import StayIdentification, noise_of
+from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.samples import intervals_of
+from swsysid._stays.settings import LIMITS, SETTINGS
 from swsysid._ties import least_of
+
+# Of the largest singular value of the features of a segment, the least along which its slopes
+# change a law.
+_TOLD_BY_FEW = 0.1
 
 
 @dataclass(frozen=True)
@@ -72,3 +84,59 @@ def merged(
     model = copy(found.model)
     model.coef_ = np.delete(coef, pair.second, axis=0)
     return model, np.delete(free, pair.second, axis=0)
+
+
+def grown(
+    found: StayIdentification, rough: Recordings
+) -> tuple[SwitchingSystemRegressor, NDArray[np.bool_]]:
+    """The model with one more law, and which of its coefficients are sought.
+
+    `rough` are the recordings with states that owe nothing to the answer.
+    """
+    laws = found.estimate.laws
+    parts = found.estimate.nodes.recordings.stretches(SETTINGS.segment)
+    pieces = [_Piece.of(found.estimate, rough, *place) for place in parts]
+    noise = noise_of(found.reached, found.reached.noise)
+    worst = pieces[int(np.argmax([piece.excess(laws, noise) for piece in pieces]))]
+    mode, change = worst.correction(laws)
+    model = copy(found.model)
+    model.coef_ = np.concatenate([laws.coef, (laws.coef[mode] + change)[None]])
+    return model, np.concatenate([laws.free, laws.free[mode][None]])
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Rough states of one segment, and the modes that they have been given."""
+
+    t: Array  # (n_times,)
+    x: Array
+    u: Array
+    modes: NDArray[np.intp]
+
+    @classmethod
+    def of(
+        cls, estimate: Estimate, rough: Recordings, recording: int, first: int, last: int
+    ) -> _Piece:
+        """That of times of a recording."""
+        t = estimate.nodes.recordings.times[recording][first : last + 1]
+        own = rough.times[recording]
+        at = np.clip(np.searchsorted(own, t), 0, len(own) - 1)
+        modes = intervals_of(estimate)[first:last, recording]
+        modes = np.append(modes, modes[-1])
+        return cls(t, rough.guess[at, recording], rough.u[at, recording], modes)
+
+    def excess(self, laws: Laws, noise: Array) -> float:
+        """Deviations by which the laws, followed along the states, leave more than noise."""
+        velocities = laws.velocities(self.modes, self.x, self.u)
+        left = (self.x - cumulative_trapezoid(velocities, self.t, axis=0, initial=0.0)) / noise
+        squares = np.square(left - left.mean(axis=0)).sum()
+        return float((squares - left.size) / np.sqrt(2.0 * left.size))
+
+    def correction(self, laws: Laws) -> tuple[int, Array]:
+        """The usual mode, and the least change of its law that gives the slopes of the states."""
+        mode = int(np.bincount(self.modes).argmax())
+        features = laws.features(np.hstack([self.x, self.u]))
+        size = np.maximum(np.abs(features).max(axis=0), np.finfo(float).tiny)
+        missed = np.gradient(self.x, self.t, axis=0) - laws.velocities(self.modes, self.x, self.u)
+        change = np.linalg.lstsq(features / size, missed, rcond=_TOLD_BY_FEW)[0]
+        return mode, np.where(laws.free[mode], (change / size[:, None]).T, 0.0)

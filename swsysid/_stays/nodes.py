@@ -19,6 +19,10 @@ from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 
+# So many intervals of one mode that follow each other are joined, their nodes eliminated in pairs;
+# powers of 2.
+_JOINED = (8, 1)
+
 Rows = NDArray[np.intp]
 
 
@@ -92,7 +96,7 @@ class Nodes:
         self.place_at(np.searchsorted(self.begins, np.concatenate(cells).astype(np.intp)))
         self.stepping = np.searchsorted(self.begins, self._where_inputs_step)
         self.stepping = self.stepping[self.switch[self.stepping] < 0]
-        self.segments, self.kept = self.segments_of(LIMITS.joined)
+        self.segments, self.kept = self.segments_of(_JOINED)
 
     def place_at(self, intervals: Rows) -> None:
         """Put the switches into their intervals."""
@@ -104,7 +108,7 @@ class Nodes:
         if as_usual:
             return self
         apart = copy(self)
-        apart.segments, apart.kept = self.segments_of(LIMITS.joined[-1:])
+        apart.segments, apart.kept = self.segments_of(_JOINED[-1:])
         return apart
 
     def segments_of(

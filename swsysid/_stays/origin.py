@@ -21,8 +21,11 @@ from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.given import Given, check_channels
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.samples import Samples
-from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.surface import Classifier, MovableClassifier, is_movable
+
+# Of the spread of velocities, what coefficients that are told elsewhere may lose; spreads from zero
+# up to which laws that cannot be are found all the same.
+_LOST, _TOO_FAR = 1e-3, 3e3
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Origin:
         offset = np.insert(centre, n_channels, np.zeros(n_states - n_channels))
         if not offset.any() or _may_move(estimator, offset):
             return cls(offset)
-        if (np.abs(centre) > LIMITS.too_far * spread).any():
+        if (np.abs(centre) > _TOO_FAR * spread).any():
             warnings.warn(
                 "columns lie so far from zero that double precision leaves few digits of their "
                 "laws; subtract a constant from these columns.",
@@ -79,7 +82,7 @@ class Origin:
         columns = counted + self.offset
         other.use_features(FeatureMap(other.feature_library, columns, features.names_in))
         here, there = found.model.mode_velocities(counted), other.mode_velocities(columns)
-        if (np.abs(there - here).max(axis=(0, 1)) > LIMITS.lost * here.std(axis=(0, 1))).any():
+        if (np.abs(there - here).max(axis=(0, 1)) > _LOST * here.std(axis=(0, 1))).any():
             warnings.warn(
                 "columns lie so far from zero that double precision does not hold the coefficients "
                 "of their powers; subtract a constant from these columns, or lower the degree.",

@@ -18,6 +18,9 @@ from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 from swsysid.differentiation import estimate_noise
 
+# Deviations of the noise of both limits of an event, beyond which the state jumps there.
+_BEYOND_NOISE = 6.0
+
 
 def noise_between_events(given: Given) -> Array:
     """Standard deviation of the noise of each state, no less than what counts as exact."""
@@ -32,7 +35,7 @@ def jumps_at_events(given: Given, noise: Array) -> list[NDArray[np.intp]]:
     jumps = []
     for record in given.records:
         after, y = record.events, record.filled
-        jump = np.abs(y[after + 1] - y[after]) > np.sqrt(2.0) * LIMITS.beyond_noise * noise
+        jump = np.abs(y[after + 1] - y[after]) > np.sqrt(2.0) * _BEYOND_NOISE * noise
         jumps.append(after[jump.any(axis=1)])
     return jumps
 

@@ -1,4 +1,7 @@
-"""Recordings side by side: sample k of all of them is one row of work."""
+"""Recordings side by side: sample k of all of them is one row of work.
+
+They are integrated no more finely than their noise asks for.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,11 @@ from numpy.typing import NDArray
 from swsysid._data.recordings import Record
 from swsysid._data.trajectories import events_in
 from swsysid._results import Array
-from swsysid._stays.settings import LIMITS
+from swsysid._stays.laws import Laws
+from swsysid._stays.settings import LIMITS, StaySettings
+
+# In usual intervals: between two samples further apart times are inserted.
+_LONGEST_STEP = 1.5
 
 
 class Piece(NamedTuple):
@@ -155,6 +162,14 @@ class Recordings:
             pieces.append(Piece(k, begin, end, first, last))
         return self.parted(pieces), pieces
 
+    def of_pieces(self, of_steps: NDArray, pieces: Sequence[Piece]) -> NDArray:
+        """What pieces say of their steps, as much as is no overlap, padded like the durations."""
+        whole = np.zeros(self.steps.shape, dtype=of_steps.dtype)
+        for place, piece in enumerate(pieces):
+            rows = slice(piece.first - piece.begin, piece.last - piece.begin)
+            whole[piece.first : piece.last, piece.recording] = of_steps[rows, place]
+        return whole
+
     def parted(self, pieces: Sequence[Piece]) -> Recordings:
         """Some pieces as recordings of their own; they may overlap."""
         times = tuple(self.times[p.recording][p.begin : p.end + 1] for p in pieces)
@@ -254,7 +269,7 @@ def _filled_in(
     record: Record, guess: Array, further: Array, interval: float, held: bool
 ) -> tuple[Record, Array, NDArray[np.intp]]:
     """A record with times between far samples, its rough states, and places of its samples."""
-    counts = np.ceil(np.diff(record.t) / (LIMITS.longest_step * interval)).astype(int)
+    counts = np.ceil(np.diff(record.t) / (_LONGEST_STEP * interval)).astype(int)
     if (counts == 1).all() and not len(further):
         return record, guess, np.arange(len(record.t))
     places = np.concatenate([[0], np.cumsum(counts)])
@@ -274,3 +289,27 @@ def _between(t: Array, known: Array, columns: Array) -> Array:
     for target, column in zip(between.T, columns.T, strict=True):
         target[:] = np.interp(t, known, column)
     return between
+
+
+def in_exact_steps(
+    recordings: Recordings, laws: Laws, noise: Array, settings: StaySettings
+) -> Recordings:
+    """The recordings in steps whose errors stay below a part of the noise in the longest rollout.
+
+    Runge and Kutta's method is of fourth order: n times as many steps have an error n^4 times
+    smaller.
+    """
+    most = settings.exact * noise
+    excess = float((_gathered(recordings, laws) / most).max())
+    if excess <= 1.0:
+        return recordings.with_long_steps()
+    finer = int(np.ceil(min(0.5 * excess**0.25, settings.most_steps)))
+    return recordings.divided(max(1, finer))
+
+
+def _gathered(recordings: Recordings, laws: Laws) -> Array:
+    """Error of the longest rollout with one step for each interval, (n_states,)."""
+    inside = recordings.steps > 0.0
+    x, u, after = recordings.guess[:-1][inside], recordings.u[:-1][inside], recordings.u[1:][inside]
+    errors = laws.error_of_steps(x, u, after, recordings.steps[inside])
+    return np.asarray(len(recordings.steps) * errors.mean(axis=0), dtype=float)

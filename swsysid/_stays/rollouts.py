@@ -22,8 +22,13 @@ from swsysid._results import Array
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws, Modes, slope_of, slopes_of
 from swsysid._stays.recordings import Piece, Recordings
-from swsysid._stays.settings import LIMITS
 from swsysid._stays.sliding import SlidingLaws, pairs_of
+
+# Rollouts in pieces of so many steps: by what starts are moved to see where ends go, of a spread,
+# how closely pieces meet, and turns until they do.
+_PIECE_OF_RUNS = 500
+_OF_RUNS, _MEETING, _TURNS_OF_RUNS = 1e-4, 1e-8, 12
+_TURNS_OF_SHARES = 6  # until the share of a step is found at which a surface is crossed
 
 
 class Event(NamedTuple):
@@ -57,7 +62,7 @@ def rolled_out(
 
     With `guess`, states at all times, roughly, long ones are rolled out in pieces of so many steps.
     """
-    runs, piece = None, LIMITS.piece_of_runs if piece is None else piece
+    runs, piece = None, _PIECE_OF_RUNS if piece is None else piece
     if len(guess) and len(grid.steps) > 2 * piece:
         runs = in_pieces(laws, guards, grid, starts, guess, piece)
     if runs is None:
@@ -79,11 +84,11 @@ def in_pieces(
     x = np.array([guess[piece.recording][piece.begin] for piece in pieces])
     x[~follows] = starts
     modes = modes_at(guards, x, np.array([grid.u[p.begin, p.recording] for p in pieces]))
-    moves = LIMITS.of_runs * laws.spread
+    moves = _OF_RUNS * laws.spread
     n_states, every = len(moves), list(range(len(pieces)))
     runs: list = [None] * len(pieces)
     slopes, again = None, every
-    for _ in range(LIMITS.turns_of_runs):
+    for _ in range(_TURNS_OF_RUNS):
         # the first time moved starts, too, show how ends follow them
         more = () if slopes is not None else np.diag(moves)
         begun = np.concatenate([x[again], *(x + move for move in more)])
@@ -102,7 +107,7 @@ def in_pieces(
         for k in np.flatnonzero(follows).tolist():
             told[k] = ends[k - 1] + (told[k - 1] - x[k - 1]) @ slopes[:, k - 1]
             told_modes[k] = left[k - 1]
-        apart = (np.abs(told - x) > LIMITS.meeting * laws.spread).any(axis=1)
+        apart = (np.abs(told - x) > _MEETING * laws.spread).any(axis=1)
         again = np.flatnonzero(apart | (told_modes != modes)).tolist()
         if not again:
             return [_joined(runs, pieces, k) for k in range(len(grid))]
@@ -278,7 +283,7 @@ def _first_outside(inside: Callable[[Array], Array], n_rows: int) -> Array:
     begin = of_low = inside(low)
     of_high = at_best = inside(high)
     best, went = high, np.zeros(n_rows)
-    for _ in range(LIMITS.turns_of_shares):
+    for _ in range(_TURNS_OF_SHARES):
         apart = of_low - of_high
         share = np.divide(of_low, apart, out=np.full(n_rows, 0.5), where=apart > 0.0)
         share = low + share * (high - low)

@@ -90,96 +90,25 @@ class StaySettings:
 
 @dataclass(frozen=True)
 class Limits:
-    """Where something counts as far, missing, diverged or on its surface."""
+    """Where something counts as far, missing, diverged or on its surface, in several places."""
 
     # of a spread: what is counted as no misfit at all, and what no other mode need explain
     exactly: float = 1e-6
     nearly_exactly: float = 3e-6
-    # -- recordings, in usual intervals: a filter does not reach across a gap; between two samples
-    # further apart than a step times are inserted. Samples from which a start is found.
-    gap: float = 5.0
-    longest_step: float = 1.5
-    # samples that a run without missing values needs for a sixth difference, and how many of these
-    # tell the noise
-    shortest_run: int = 7
-    fewest_in_runs: int = 70
-    first_samples: int = 20
+    first_samples: int = 20  # from which a start is found
     # of long recordings, those with which the first rounds are made, in stretches of so many
     samples_of_part: int = 10_000
     stretch_of_part: int = 1000
-    rows_of_starts: int = 2000  # of derivatives that start laws, and of states a first surface
-    # deviations of the noise of both limits of an event, beyond which the state jumps there
-    beyond_noise: float = 6.0
-    turns_of_starts: int = 10
-    # -- free rollouts in pieces of so many steps: by what starts are moved to see where ends go, of
-    # a spread, how closely pieces meet, and turns until they do
-    piece_of_runs: int = 500
-    of_runs: float = 1e-4
-    meeting: float = 1e-8
-    turns_of_runs: int = 12
-    # -- intervals without noise: part of a miss by which it changes where laws are found; of the
-    # largest singular value of the features of a mode, the least that tells a coefficient; steps of
-    # a flow through an interval; instants in it from which those are sought at which flows meet,
-    # and steps to there
-    same_miss: float = 1e-3
-    told: float = 1.5e-8
-    steps_of_flows: int = 4
-    shares: int = 5
-    turns_of_shares: int = 6
-    # where a solver errs: what laws miss in the mean where they are exact to its tolerance, in
-    # parts of `nearly_exactly`; noise below which neighbours tell none of it, of a spread; and by
-    # what it may be off, of a usual change. SciPy's BDF, LSODA and Radau leave up to .001 at a
-    # tolerance of 1e-5 and up to .02 at 1e-3 (`tests/automaton_search/test_solver_errors.py`)
-    sharply: float = 0.01
-    unseen: float = 1e-5
-    solver_errors: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 3e-2)
-    jump: float = 0.3  # of a usual change: where others jump by more, less is an error of a solver
-    # -- one more mode: of the largest singular value of the features of a segment, the least along
-    # which its slopes change a law
-    told_by_few: float = 0.1
-    # -- Kalman's filter: how well a rough state is known, in spreads; what one sample may cost in
-    # squares: outliers are bounded; log likelihood of a sample that has none, since its rollout
-    # diverges
-    roughly_known: float = 0.5
-    most_squares: float = 60.0
-    steady: float = 0.01  # of a velocity: by how much it varies at least
-    diverged_nats: float = -1e6
-    # -- samples that follow no law: chance of one among all of noise alone, and the share of them
-    # above which they are no outliers but what a law lacks
-    by_chance: float = 1e-3
-    most_apart: float = 0.05
-    # -- what is left counts as noise up to so many times that which neighbours show
-    as_neighbours: float = 1.15
-    # -- flows: one-sided differences, in spreads of a state, and where one is held; intervals that
-    # are worked at once, so that they stay in the cache; and the shortest that an event counts as,
-    # in usual intervals
+    unseen: float = 1e-5  # noise below which neighbours tell none of it, of a spread
+    # one-sided differences, in spreads of a state, and where one is held
     difference: float = 1e-6
     diverged: float = 1e3
-    chunk: int = 8192
-    # -- so many intervals of one mode that follow each other are joined, their nodes eliminated in
-    # pairs; powers of 2
-    joined: tuple[int, ...] = (8, 1)
-    # ties, in units of the noise, from which pairs are eliminated: at 1e-5 rounding takes 1.5e-6 of
-    # what a step promises, one interval after the other half of that
-    tightly: float = 1e-4
-    shortest_step: float = 0.01
-    # -- crossings: intervals that an instant may move at once, and by which a crossing may miss its
-    # surface and is on it; standard deviations beyond which it counts less; of the median rate at
-    # which a surface is crossed, below which a crossing grazes
-    farthest_move: float = 2.0
-    on_surface: float = 0.25
+    shortest_step: float = 0.01  # that an event counts as, in usual intervals
+    # standard deviations beyond which a crossing counts less; of the median rate at which a surface
+    # is crossed, below which a crossing grazes
     far_miss: float = 3.0
     slowest_crossing: float = 0.1
-    # -- columns far from zero: of the spread of velocities, what coefficients that are told
-    # elsewhere may lose; spreads from zero up to which laws that cannot be are found all the same
-    lost: float = 1e-3
-    too_far: float = 3e3
-    # of a feature: what others must leave of it
-    of_its_own: float = 1e-5
-    # of the diagonal: what normal equations of double precision cannot tell
-    rounding: float = 1e-12
-    more_rounding: float = 100.0  # by which it grows until they can be solved
-    untold: float = 0.1  # part of a direction that nothing else tells, of a coefficient in it
+    rounding: float = 1e-12  # of the diagonal: what normal equations cannot tell
 
 
 SETTINGS, LIMITS = StaySettings(), Limits()

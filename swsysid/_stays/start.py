@@ -1,4 +1,7 @@
-"""Where an identification from recordings starts: the estimator on differentiated recordings."""
+"""Where an identification from recordings starts: the estimator on differentiated recordings.
+
+Features that say nothing of their own, sums of others wherever the recordings go, take no part.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.settings import LIMITS
 from swsysid.differentiation import (
     Derivatives,
     choose_smoothing,
@@ -21,6 +23,14 @@ from swsysid.differentiation import (
     estimate_noise,
 )
 from swsysid.differentiation._record import rates_appended
+
+# Samples that a run without missing values needs for a sixth difference, and how many of these tell
+# the noise; usual intervals across which nothing is differentiated; of a feature, what others must
+# leave of it; rows of derivatives that start laws, and of states a first surface.
+_SHORTEST_RUN, _FEWEST_IN_RUNS = 7, 70
+_GAP = 5.0
+_OF_ITS_OWN = 1e-5
+_ROWS_OF_STARTS = 2000
 
 
 @dataclass(frozen=True)
@@ -88,7 +98,7 @@ def start_from(
 
 def enough(n_rows: int) -> slice:
     """The rows of a start or of a first surface, which recordings place where it is."""
-    return slice(None, None, max(1, n_rows // LIMITS.rows_of_starts))
+    return slice(None, None, max(1, n_rows // _ROWS_OF_STARTS))
 
 
 def named(columns: Array, names: list[str] | None):
@@ -108,11 +118,11 @@ def measured_noise(given: Given, of_filled: Array) -> Array:
             run
             for record in given.records
             for run in _without_missing(record.y[:, k])
-            if len(run) >= LIMITS.shortest_run
+            if len(run) >= _SHORTEST_RUN
         ]
         if not any(np.isnan(record.y[:, k]).any() for record in given.records):
             continue
-        if sum(len(run) - LIMITS.shortest_run + 1 for run in runs) >= LIMITS.fewest_in_runs:
+        if sum(len(run) - _SHORTEST_RUN + 1 for run in runs) >= _FEWEST_IN_RUNS:
             labels = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
             found[k] = estimate_noise(np.concatenate(runs)[:, None], labels)[0]
         else:
@@ -143,7 +153,7 @@ def _without_missing(values: Array) -> list[Array]:
 def _pieces(times: list[Array]) -> NDArray[np.intp]:
     """Stretches without a gap, numbered through all recordings."""
     interval = np.median(np.concatenate([np.diff(t) for t in times]))
-    begins = [np.diff(t, prepend=-np.inf) > LIMITS.gap * interval for t in times]
+    begins = [np.diff(t, prepend=-np.inf) > _GAP * interval for t in times]
     return np.cumsum(np.concatenate(begins)) - 1
 
 
@@ -169,3 +179,23 @@ def _rough(
     else:
         rough[:, :n_channels] = filled
     return rough
+
+
+def of_their_own(features: Array) -> NDArray[np.bool_]:
+    """Features (n_rows, n_features) that are no combination of those before them."""
+    norms = np.linalg.norm(features, axis=0)
+    scaled = features / np.where(norms > 0.0, norms, 1.0)
+    left = np.abs(np.diag(np.linalg.qr(scaled, mode="r")))
+    own = np.zeros(len(norms), dtype=bool)
+    own[: len(left)] = left > _OF_ITS_OWN
+    return own
+
+
+def in_these(coef: Array, features: Array, own: NDArray[np.bool_]) -> Array:
+    """The same laws (n_modes, n_states, n_features) in some of the features."""
+    if own.all():
+        return coef
+    values = features @ coef.reshape(-1, coef.shape[2]).T
+    moved = np.zeros_like(coef).reshape(-1, coef.shape[2])
+    moved[:, own] = np.linalg.lstsq(features[:, own], values, rcond=None)[0].T
+    return moved.reshape(coef.shape)

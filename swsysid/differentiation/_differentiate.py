@@ -39,6 +39,10 @@ from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array, TooShortError
 from swsysid.differentiation._strength import Strength, strengths, strongest, warn_of_counting
 
+# Polynomials beyond are lost to rounding.
+_MOST_DEGREE = 20
+_MOST_DECIMATED = 1_000_000
+
 
 class Smoothing(NamedTuple):
     """How a record is smoothed.
@@ -280,12 +284,12 @@ def _strength(
 ) -> Strength:
     """The smoother that the options ask for, or the best one for all trajectories."""
     whole("order", order, most=2)
-    whole("degree", degree, least=2, most=SETTINGS.most_degree)
+    whole("degree", degree, least=2, most=_MOST_DEGREE)
     whole("window", window, least=3, also=(None,))
     if window is not None and (window % 2 == 0 or window <= degree):
         raise ValueError(f"window={window!r} must be odd and larger than degree={degree!r}.")
     real("cutoff", cutoff, above=0, also=(None,))
-    whole("decimate", decimate, most=SETTINGS.most_decimated)
+    whole("decimate", decimate, most=_MOST_DECIMATED)
     may_drop = one_of("too_short", too_short, ("raise", "drop")) == "drop" or record.is_split
     parts = []
     for label, stretches in record.parts:

@@ -19,8 +19,11 @@ from swsysid._noise import robust_scale
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array
 
+# Differences of this order leave noise and hardly any of a smooth signal.
+_NOISE_ORDER = 6
+
 # Standard deviation of the differences of white noise of one unit.
-_GAIN = float(np.sqrt(comb(2 * SETTINGS.noise_order, SETTINGS.noise_order)))
+_GAIN = float(np.sqrt(comb(2 * _NOISE_ORDER, _NOISE_ORDER)))
 # Standard deviation of an error that is anywhere in a quantum alike.
 _UNIFORM = 1.0 / np.sqrt(12.0)
 
@@ -105,7 +108,7 @@ def noise_in(parts: Sequence[Array], quantum: Array) -> Array:
 
 def sixth_differences(x: Array) -> list[Array]:
     """Differences of each column that annihilate polynomials of degree five, where it moves."""
-    order = SETTINGS.noise_order
+    order = _NOISE_ORDER
     if len(x) <= order:
         return [np.empty(0)] * x.shape[1]
     moving = np.ptp(sliding_window_view(x, order + 1, axis=0), axis=2) > 0.0

@@ -32,6 +32,18 @@ from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array, Smoother
 from swsysid.differentiation._strength import kernels_of
 
+# A gap that clipped samples leave is bridged up to so many steps.
+_BRIDGED = 4.0
+# Samples that a rest has at least; share of the largest derivative up to which there is none.
+_SHORTEST_REST = 5
+_STANDING = 1e-9
+# Times the noise that movement has at least where rest can be told from it.
+_PLAIN_MOVEMENT = 3.0
+# A larger share of rows at rest outvotes those that move, or nearly.
+_MOSTLY = 1 / 3
+# Of the rows that move, so many are kept of those at rest.
+_KEPT_AT_REST = 0.1
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
@@ -125,7 +137,7 @@ def record_of(
         _warn(states, sensors, names, drop)
         _warn_of_turns(states, labels, names)
     beyond: NDArray[np.bool_] = np.asarray(sensors.clipped.any(axis=1) & drop)
-    bridged, parts = SETTINGS.bridged if uneven else 0.0, []
+    bridged, parts = _BRIDGED if uneven else 0.0, []
     for label, each in whole:
         there = [rows[~(sensors.held | beyond)[rows]] for rows in each]
         stretches = [stretch for rows in there for stretch in _split(rows, times, beyond, bridged)]
@@ -185,7 +197,7 @@ def loudness(jets: Array, smoother: Smoother, times: Array, noise: Array, reach:
     for level in (1, 2):
         gain = float(np.linalg.norm(kernels_of([smoother], times, reach, level)[0]))
         size = np.abs(jets[level])
-        least = np.maximum(SETTINGS.sure * gain * noise, SETTINGS.standing * size.max(axis=0))
+        least = np.maximum(SETTINGS.sure * gain * noise, _STANDING * size.max(axis=0))
         found = np.maximum(found, (size / np.where(least > 0.0, least, 1.0)).max(axis=1))
     return found
 
@@ -198,8 +210,8 @@ def at_rest(smooth: Array, loud: Array, half: int, noise: Array) -> NDArray[np.b
     # A movement that only turns is still for a moment, and one that creeps gets somewhere.
     runs = runs_in(loud <= 1.0)
     spread = np.maximum.reduceat(smooth, runs.starts) - np.minimum.reduceat(smooth, runs.starts)
-    least = np.maximum(SETTINGS.sure * noise, SETTINGS.standing * np.ptp(smooth, axis=0))
-    rests = (loud[runs.starts] <= 1.0) & (runs.lengths >= SETTINGS.shortest_rest)
+    least = np.maximum(SETTINGS.sure * noise, _STANDING * np.ptp(smooth, axis=0))
+    rests = (loud[runs.starts] <= 1.0) & (runs.lengths >= _SHORTEST_REST)
     rests &= (spread <= least).all(axis=1)
     return np.asarray(binary_dilation(rests[runs.numbers], np.ones(2 * (half // 2) + 1)))
 
@@ -208,11 +220,11 @@ def thinned(rest: NDArray[np.bool_], loud: Array, window: int) -> NDArray[np.boo
     """Rows that stay: all, or few of those at rest where these are many."""
     n_rest, n_moving = int(rest.sum()), int((~rest).sum())
     # Where movement is hardly more than noise, nothing says what rests.
-    unclear = not n_moving or np.median(loud[~rest]) < SETTINGS.plain_movement
-    if unclear or n_rest <= SETTINGS.mostly * len(rest):
+    unclear = not n_moving or np.median(loud[~rest]) < _PLAIN_MOVEMENT
+    if unclear or n_rest <= _MOSTLY * len(rest):
         return np.ones(len(rest), dtype=bool)
     # Rows of one window say the same, and those of a rest together tell little about the law.
-    step = max(window, int(n_rest / (SETTINGS.kept_at_rest * n_moving)))
+    step = max(window, int(n_rest / (_KEPT_AT_REST * n_moving)))
     return ~rest | (runs_in(rest).places % step == 0)
 
 

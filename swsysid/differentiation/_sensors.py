@@ -16,6 +16,24 @@ from swsysid.differentiation._noise import Runs, noise_in, runs_in, sixth_differ
 from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array
 
+# Fewer distances of neighbouring values are a signal of states, not of an encoder.
+_FEWEST_LEVELS = 5
+# Quanta by which the distances of values on a grid may be off, after single precision.
+_OFF_GRID = 0.05
+# Readings that show how long a logger holds them, and the share of them that it need not hold.
+_FEWEST_READINGS = 20
+_SINGLE_READINGS = 0.02
+# Samples that a clipped stretch has at least, times those of any stay elsewhere; samples beside
+# it that show how fast the movement to it is: at least so many, and until it has made so many
+# quanta or deviations.
+_PLATEAU = 3
+_APPROACH = 7
+_PLAIN = 10.0
+# Noise below this share of the range may be what differences leave of a smooth signal.
+_VISIBLE = 1e-4
+# Share of a trajectory that accelerates less than it does where it stops.
+_HARDLY = 0.95
+
 
 class Sensors(NamedTuple):
     """What the sensors did to a record.
@@ -85,12 +103,12 @@ def _quantum(parts: list[Array]) -> float:
     gaps = np.concatenate([np.diff(np.unique(values)) for values in parts])
     rounding = SETTINGS.rounding * max(float(np.abs(values).max()) for values in parts)
     gaps = gaps[gaps > rounding]
-    if len(gaps) < SETTINGS.fewest_levels:
+    if len(gaps) < _FEWEST_LEVELS:
         return 0.0
     least = float(gaps.min())
     steps = np.rint(gaps / least)
     quantum = float(gaps.sum() / steps.sum())
-    if np.abs(gaps / quantum - steps).max() > SETTINGS.off_grid:
+    if np.abs(gaps / quantum - steps).max() > _OFF_GRID:
         return 0.0
     sizes = np.abs(np.concatenate([sixth_differences(values[:, None])[0] for values in parts]))
     return quantum if len(sizes) and np.median(sizes) > 0.5 * quantum else 0.0
@@ -117,13 +135,13 @@ def _hold(runs: list[Runs], quantised: bool) -> int:
     """Samples for which a logger repeats a reading, 1 if it does not."""
     # Runs at the ends may have been cut.
     lengths = np.concatenate([each.lengths[1:-1] for each in runs])
-    if len(lengths) < SETTINGS.fewest_readings:
+    if len(lengths) < _FEWEST_READINGS:
         return 1
     if quantised:
         # Slow motion repeats values of a grid too, but not in steps of one length.
         return int(np.gcd.reduce(lengths))
     single = np.mean(lengths == 1)
-    return int(np.median(lengths)) if single <= SETTINGS.single_readings else 1
+    return int(np.median(lengths)) if single <= _SINGLE_READINGS else 1
 
 
 def _clipped_at(columns: Array, parts: list[NDArray[np.intp]], quantum: Array) -> NDArray[np.bool_]:
@@ -131,11 +149,11 @@ def _clipped_at(columns: Array, parts: list[NDArray[np.intp]], quantum: Array) -
     clipped = np.zeros(columns.shape, dtype=bool)
     noise = noise_in([columns[rows] for rows in parts], quantum)
     for k, values in enumerate(columns.T):
-        if len(np.unique(values)) <= SETTINGS.fewest_levels:
+        if len(np.unique(values)) <= _FEWEST_LEVELS:
             continue  # a switch, whose ends are all that it has
         series = [values[rows] for rows in parts]
         # Noise repeats no value for long: where it does so at an end, this is that of the range.
-        visible = max(SETTINGS.visible * np.ptp(values), SETTINGS.beyond_rounding * quantum[k])
+        visible = max(_VISIBLE * np.ptp(values), SETTINGS.beyond_rounding * quantum[k])
         noisy = noise[k] > visible
         ends = [
             end
@@ -156,17 +174,17 @@ def _repeats_only(series: list[Array], end: float) -> bool:
     lengths = np.concatenate([each.lengths for each in runs])
     between = (levels > levels.min()) & (levels < levels.max())
     usual = int(lengths[between].max(initial=1))
-    return bool(lengths[levels == end].max() >= SETTINGS.plateau * usual)
+    return bool(lengths[levels == end].max() >= _PLATEAU * usual)
 
 
 def _passes(values: Array, end: float, quantum: float, noise: float) -> bool:
     """Whether a trajectory would have gone on beyond an end at which it stays."""
     runs, depths = runs_in(values), np.abs(values - end)
-    stays = np.flatnonzero((runs.lengths >= SETTINGS.plateau) & (depths[runs.starts] == 0.0))
+    stays = np.flatnonzero((runs.lengths >= _PLATEAU) & (depths[runs.starts] == 0.0))
     for start, length in zip(runs.starts[stays], runs.lengths[stays], strict=True):
         sides = depths[:start][::-1], depths[start + length :]
         # What was before the record or comes after it is not known.
-        known = [side for side in sides if len(side) >= SETTINGS.approach]
+        known = [side for side in sides if len(side) >= _APPROACH]
         near = [_approach(side, quantum, noise) for side in known]
         if near and all(_is_fast(side, depths, length, quantum, noise) for side in near):
             return True
@@ -175,9 +193,9 @@ def _passes(values: Array, end: float, quantum: float, noise: float) -> bool:
 
 def _approach(depths: Array, quantum: float, noise: float) -> Array:
     """The samples beside a stay in which the movement is plain to see."""
-    plain = depths > SETTINGS.plain * max(quantum, noise)
+    plain = depths > _PLAIN * max(quantum, noise)
     reach = int(plain.argmax()) + 1 if plain.any() else len(depths)
-    return depths[: max(reach, SETTINGS.approach)]
+    return depths[: max(reach, _APPROACH)]
 
 
 def _is_fast(near: Array, depths: Array, stay: int, quantum: float, noise: float) -> bool:
@@ -199,4 +217,4 @@ def _usual_bend(depths: Array, reach: int) -> float:
     away = depths > 0.0
     bend = np.abs(depths[2 * reach :] - 2.0 * depths[reach:-reach] + depths[: -2 * reach])
     bend = bend[away[2 * reach :] & away[reach:-reach] & away[: -2 * reach]]
-    return float(np.quantile(bend, SETTINGS.hardly)) / reach**2 if len(bend) else np.inf
+    return float(np.quantile(bend, _HARDLY)) / reach**2 if len(bend) else np.inf

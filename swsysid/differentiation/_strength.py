@@ -35,6 +35,21 @@ from swsysid.differentiation._smoothing import (
     low_pass,
 )
 
+# Of the sampling rate.
+_CUTOFFS = (*(0.4, 0.28, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125),)
+# Rows that decide, and rows of one trajectory that decide side by side; more say the same.
+_ROWS = 50_000
+_STRETCH = 1_000
+# Noise explains a departure up to this over the root of the number of rows, relative to it: the
+# estimated variance of the noise and the departure itself are uncertain by about five.
+_DOUBT = 10.0
+# Of rounding, which is white noise only nearly: so many times as much, in comparisons with
+# smoothers of up to so many times the variance.
+_ROUNDING_MARGIN = 1.7
+_ROUNDING_REACH = 30.0
+# An error that grows by less than a tenth is not worth a warning.
+_NOTICED = 1.1
+
 Part = tuple[Array, Array]  # measured columns and times of one trajectory
 
 
@@ -78,7 +93,7 @@ def strengths(
     if name == "butterworth":
         steps = np.concatenate([np.diff(t) for t in times])
         rate = 1.0 / float(np.median(steps)) if len(steps) else 1.0
-        fine = [c for c in SETTINGS.cutoffs if c <= 0.5 / decimate]
+        fine = [c for c in _CUTOFFS if c <= 0.5 / decimate]
         affordable = [c for c in fine if _is_affordable(8.0 / c, lengths, may_drop)]
         cutoffs = [c * rate for c in affordable] or [0.4 * rate / decimate]
         return [Strength(low_pass(c), cutoff=c) for c in ([cutoff] if cutoff else cutoffs)]
@@ -123,10 +138,10 @@ def strongest(
 
 def deciding_rows(parts: Sequence[Part]) -> Iterator[tuple[Array, Array, NDArray[np.intp]]]:
     """Each trajectory with the rows of it that decide: all, or the middles of its stretches."""
-    share = min(1.0, SETTINGS.rows / sum(len(t) for _, t in parts))
+    share = min(1.0, _ROWS / sum(len(t) for _, t in parts))
     for x, t in parts:
         middles = []
-        n_stretches = int(np.ceil(share * len(t) / SETTINGS.stretch))
+        n_stretches = int(np.ceil(share * len(t) / _STRETCH))
         for rows in np.array_split(np.arange(len(t)), n_stretches):
             count = int(np.ceil(share * len(rows)))
             start = (len(rows) - count) // 2
@@ -144,7 +159,7 @@ class _Totals:
         n_columns = len(rounded)
         # Rounding is white noise only nearly, which tells most in comparisons with the weakest.
         self.rounded = rounded
-        self.margin = np.where(rounded, SETTINGS.rounding_margin, 1.0)
+        self.margin = np.where(rounded, _ROUNDING_MARGIN, 1.0)
         self.rows = np.zeros((n, n))  # at which both estimates exist
         self.departures = np.zeros((n, n, n_columns))  # squared differences of the estimates
         self.explained = np.zeros((n, n, n_columns))  # what noise alone would make of them
@@ -186,9 +201,9 @@ class _Totals:
         for k in np.flatnonzero(counts):
             bias, variance = np.zeros_like(size), self.explained[k, k] / counts[k]
             for j in range(k):
-                allowed = self.margin * (1.0 + SETTINGS.doubt / np.sqrt(self.rows[k, j]))
+                allowed = self.margin * (1.0 + _DOUBT / np.sqrt(self.rows[k, j]))
                 excess = self.departures[k, j] - allowed * self.explained[k, j]
-                far = self.explained[j, j] > SETTINGS.rounding_reach * variance * counts[j]
+                far = self.explained[j, j] > _ROUNDING_REACH * variance * counts[j]
                 excess[self.rounded & far] = 0.0
                 bias = np.maximum(bias, excess / self.rows[k, j])
             risks[k] = weight @ (bias + variance)
@@ -232,7 +247,7 @@ def warn_of_counting(other: Smoother, parts: Sequence[Part], quantum: Array, deg
     except TooShortError:
         return
     worst = int(np.argmax(added - usual))
-    if np.hypot(added, usual)[worst] > SETTINGS.noticed * usual[worst]:
+    if np.hypot(added, usual)[worst] > _NOTICED * usual[worst]:
         warnings.warn(
             "method counts samples as if the times were even, which they are not: on a smooth "
             f"curve through the measurements its derivative is off by {added[worst]:.2g} of the "

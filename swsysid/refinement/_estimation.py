@@ -16,12 +16,18 @@ from swsysid._simulation.model import FittedModel, SwitchingModel, fitted_system
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.rollouts import modes_at
-from swsysid.refinement._certainty import robust_covariance
-from swsysid.refinement._losses import LOSSES, inner_scale
 from swsysid.refinement._parameters import Parametrization, fitted_and_free, output_of
-from swsysid.refinement._result import RefinementResult
+from swsysid.refinement._result import RefinementResult, robust_covariance
 from swsysid.refinement._settings import SETTINGS
-from swsysid.refinement._shooting import Pieces, Rollout, Shooting, Units, grid_of
+from swsysid.refinement._shooting import (
+    LOSSES,
+    Pieces,
+    Rollout,
+    Shooting,
+    Units,
+    grid_of,
+    inner_scale,
+)
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._system import System, substeps_for
 from swsysid.refinement._trajectories import (

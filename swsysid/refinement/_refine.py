@@ -14,8 +14,8 @@ from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
 from swsysid._whole_or_nothing import failing_in_words
 from swsysid.refinement._estimation import Estimation
-from swsysid.refinement._losses import LOSSES
 from swsysid.refinement._result import RefinementResult
+from swsysid.refinement._shooting import LOSSES
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._trajectories import Observed, Recording
 

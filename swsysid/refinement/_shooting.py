@@ -4,11 +4,13 @@ The unknowns are the parameters :math:`\theta` and the states :math:`s_k` at whi
 begin. These locate their switches (`_stays/rollouts`), and follow the unknowns as flows and
 saltation matrices say (`_stays/sensitivities`). A row of the Jacobian has as many nonzero columns
 as there are parameters and states, however many pieces.
+
+Losses of the residuals may be robust.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from swsysid._data.recordings import Record
+from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
@@ -280,3 +283,27 @@ class Shooting:
             basis = basis[:, sizes > 1e-10 * max(sizes.max(initial=0.0), 1e-300)]
             slopes[rows] -= basis @ (basis.T @ slopes[rows])
         return slopes
+
+
+def _soft_l1(z: Array) -> tuple[Array, Array]:
+    root = np.sqrt(1.0 + z)
+    return 2.0 * (root - 1.0), 1.0 / root
+
+
+def _huber(z: Array) -> tuple[Array, Array]:
+    root = np.sqrt(np.maximum(z, 1.0))
+    return np.where(z <= 1.0, z, 2.0 * root - 1.0), 1.0 / root
+
+
+# value and derivative for squared residuals, by the names of `scipy.optimize.least_squares`
+LOSSES: dict[str, Callable[[Array], tuple[Array, Array]]] = {
+    "linear": lambda z: (z, np.ones_like(z)),
+    "soft_l1": _soft_l1,
+    "huber": _huber,
+    "cauchy": lambda z: (np.log1p(z), 1.0 / (1.0 + z)),
+}
+
+
+def inner_scale(residuals: Array) -> float:
+    """Standard deviation of the inner residuals: beyond it a robust loss bends."""
+    return float(robust_scale(residuals)) or 1.0

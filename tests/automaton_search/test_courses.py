@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swsysid._automaton_search.courses import Course, nodes_of
+from swsysid._automaton_search.refined import Course, nodes_of
 from swsysid._data.recordings import Record
 
 T = np.arange(6.0)

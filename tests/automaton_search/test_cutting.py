@@ -7,14 +7,12 @@ import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor, SwitchingSystemRegressor
 from swsysid._automaton.transitions import PolynomialGuard
-from swsysid._automaton_search.cutting import Cutting
+from swsysid._automaton_search.cutting import Cutting, better_places, hidden_jumps
 from swsysid._automaton_search.found import FoundGuard
-from swsysid._automaton_search.hidden_jumps import hidden_jumps
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.jumps import jumps_of
-from swsysid._automaton_search.places import better_places
-from swsysid._automaton_search.possible import possible, with_brief_stays
 from swsysid._automaton_search.switches import Switches
+from swsysid._automaton_search.transitions import possible, with_brief_stays
 from swsysid._stays.given import read_given
 from swsysid._stays.pieces import cut_at, whole
 from swsysid._stays.search import Search

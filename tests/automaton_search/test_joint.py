@@ -7,9 +7,9 @@ import pytest
 
 from swsysid import HybridAutomaton
 from swsysid._automaton.transitions import PolynomialGuard
-from swsysid._automaton_search.courses import Course, nodes_of
 from swsysid._automaton_search.elsewhere import errors_from
 from swsysid._automaton_search.joint import JointEstimate, jointly
+from swsysid._automaton_search.refined import Course, nodes_of
 from swsysid._automaton_search.transition_guards import TransitionGuards
 from swsysid._data.recordings import Record
 from swsysid._stays.guards import Crossings

@@ -15,8 +15,8 @@ from swsysid import (
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
 )
+from swsysid._stays.retold import Visit, _without
 from swsysid._stays.stays import Stays
-from swsysid._stays.visits import Visit, _without
 from swsysid.effects import GuardHysteresis
 
 T = np.arange(40) * 0.1

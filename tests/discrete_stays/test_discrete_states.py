@@ -10,14 +10,13 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.rows import as_fit, fitted, row_costs, scale_of
-from swsysid._discrete_stays.settings import SETTINGS
-from swsysid._discrete_stays.states import StateProblem, with_states
+from swsysid._discrete_stays.states import LawsAndStates, StateProblem, with_states
 
 
 def with_true_modes(planted, lags, library=1):
     """The rows of a plant, and their fit by least squares in the true modes."""
     rows = lagged_rows(planted.recordings, lags)
-    data = DiscreteData.of(rows, FeatureMap(library, rows.columns, rows.names), SETTINGS)
+    data = DiscreteData.of(rows, FeatureMap(library, rows.columns, rows.names))
     modes = np.array(
         [planted.modes[r][k] for r, k in zip(rows.recording, rows.sample, strict=True)]
     )
@@ -31,6 +30,10 @@ def with_true_modes(planted, lags, library=1):
     )
 
 
+def every_feature(fit):
+    return np.ones(fit.coef[:, 0].shape, dtype=bool)
+
+
 def error(planted, data, coef):
     return np.abs(data.coef(coef) - planted.coef).max()
 
@@ -41,26 +44,27 @@ def test_the_gradient_of_the_sum_of_squares(library):
     data, fit = with_true_modes(planted, 1, library)
     lawful = fit.modes.copy()
     lawful[10:12] = -1
-    problem = StateProblem(data, lawful, np.ones(fit.coef[:, 0].shape, dtype=bool))
-    rng = np.random.default_rng(0)
+    problem = StateProblem(data, lawful, every_feature(fit), np.array([0.1, 0.2]), 0.5)
+    rng, step = np.random.default_rng(0), 1e-5
     states = problem.y + 0.05 * rng.standard_normal(problem.y.shape)
-    noise, tie, step = np.array([0.1, 0.2]), 0.5, 1e-5
-    normal = problem.normal(fit.coef, states, noise, tie)
-    for place in rng.integers(0, states.size, 6):
-        move = np.zeros(states.size)
+    trial = LawsAndStates(fit.coef, np.ones(fit.coef.shape, dtype=bool), states)
+    right = problem.normal_equations(trial).right
+    laws = states.size + rng.integers(0, fit.coef.size, 3)
+    for place in [*rng.integers(0, states.size, 6), *laws]:
+        move = np.zeros(len(right))
         move[place] = step
-        move = move.reshape(states.shape)
-        ends = [problem.value(fit.coef, states + sign * move, noise, tie) for sign in (1, -1)]
+        ends = [problem.normal_equations(trial.moved(sign * move)).value for sign in (1, -1)]
         slope = -(ends[0] - ends[1]) / (2 * step)
-        assert slope == pytest.approx(normal.right_of_states[place], rel=1e-3, abs=1e-3)
+        assert slope == pytest.approx(right[place], rel=1e-3, abs=1e-3)
 
 
 def test_the_step_is_that_of_the_dense_equations():
     planted = switched_arx(4, 2, 1, n_recordings=2, n=80, noise=0.02)
     data, fit = with_true_modes(planted, 1)
-    problem = StateProblem(data, fit.modes, np.ones(fit.coef[:, 0].shape, dtype=bool))
     noise, tie = np.array([0.1]), 0.5
-    normal = problem.normal(fit.coef, problem.y, noise, tie)
+    problem = StateProblem(data, fit.modes, every_feature(fit), noise, tie)
+    start = LawsAndStates(fit.coef, np.ones(fit.coef.shape, dtype=bool), problem.y)
+    equations = problem.normal_equations(start)
     n_states, n_free = problem.y.size, fit.coef.size
     # rows of the residuals: samples, then rows; columns: states, then coefficients
     slopes = np.zeros((len(problem.now), n_states + n_free))
@@ -81,9 +85,9 @@ def test_the_step_is_that_of_the_dense_equations():
     matrix += weighted.T @ weighted
     damped = matrix + 1e-9 * np.diag(np.diag(matrix))
     dense = np.linalg.solve(damped, -weighted.T @ (left[:, 0] / (tie * noise)))
-    change, move = normal.step(0.0)
-    np.testing.assert_allclose(change, dense[n_states:], rtol=1e-4, atol=1e-7)
-    np.testing.assert_allclose(move, dense[:n_states], rtol=1e-4, atol=1e-7)
+    step, promised = equations.step(0.0)
+    np.testing.assert_allclose(step, dense, rtol=1e-4, atol=1e-7)
+    assert promised == pytest.approx(0.5 * dense @ equations.right, rel=1e-4)
 
 
 def test_noise_in_the_features_no_longer_biases_the_laws():

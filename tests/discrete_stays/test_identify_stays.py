@@ -1,7 +1,5 @@
 """Laws and stays of recordings in discrete time, from end to end."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from lagged_plants import (
@@ -17,7 +15,6 @@ from lagged_plants import (
 from swsysid._data.recordings import Record
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
-from swsysid._discrete_stays.settings import SETTINGS
 from swsysid.metrics._modes import best_matching, contingency
 
 EXACT = 1e-9  # of a coefficient, with clean data
@@ -222,11 +219,10 @@ def test_missing_samples_are_bridged_by_no_row():
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_lags_are_chosen(noise):
     planted = switched_arx(20, 2, 2, n_recordings=4, n=300, noise=noise)
-    settings = replace(SETTINGS, lags=(1, 2, 3, 4))
-    found = identify_stays(planted.recordings, "auto", library=1, settings=settings)
+    found = identify_stays(planted.recordings, "auto", library=1)
     assert found.rows.lags == 2
     assert found.lags.tolist() == [2, 2]
-    assert [one.lags for one in found.lag_candidates] == [1, 2, 3, 4]
+    assert [one.lags for one in found.lag_candidates] == [0, 1, 2, 3, 4]
     right, error = compared(found, planted)
     assert right >= (RIGHT_WITH_NOISE if noise else RIGHT)
     assert error < (0.05 if noise else EXACT)
@@ -243,8 +239,7 @@ def test_a_mode_may_remember_less_than_another(noise):
         rng,
         noise,
     )
-    settings = replace(SETTINGS, lags=(0, 1, 2))
-    found = identify_stays(recordings, "auto", n_modes=2, settings=settings)
+    found = identify_stays(recordings, "auto", n_modes=2, most_lags=2)
     short = int(np.argmin(np.abs(found.coef[:, 0, 0] - 0.5)))
     assert found.rows.lags == 1
     assert found.lags[short] == 0

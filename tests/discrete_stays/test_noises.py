@@ -6,8 +6,7 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from swsysid._data.recordings import Record
-from swsysid._discrete_stays.certainty import DiscreteCertainty
-from swsysid._discrete_stays.identify import identify_stays
+from swsysid._discrete_stays.identify import DiscreteCertainty, identify_stays
 
 
 def autoregression(law, n, *, sensor, equation, inputs, seed):

@@ -6,8 +6,8 @@ from scipy.stats import norm
 
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._discrete_stays.identify import identify_stays, with_guards
-from swsysid._discrete_stays.known_guard import KnownGuard
-from swsysid._discrete_stays.switching import Switching
+from swsysid._discrete_stays.lagged import KnownGuard
+from swsysid._discrete_stays.modes import Switching
 
 NO_INPUT = np.empty((1, 0))
 

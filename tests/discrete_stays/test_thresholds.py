@@ -9,13 +9,12 @@ from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
-from swsysid._discrete_stays.settings import SETTINGS
-from swsysid._discrete_stays.thresholds import Thresholds, best_thresholds
+from swsysid._discrete_stays.starts import Thresholds, best_thresholds
 
 
 def data_of(recordings, lags=0):
     rows = lagged_rows(recordings, lags)
-    return DiscreteData.of(rows, FeatureMap(1, rows.columns, rows.names), SETTINGS)
+    return DiscreteData.of(rows, FeatureMap(1, rows.columns, rows.names))
 
 
 def modes_of(planted, data):

@@ -218,7 +218,7 @@ def test_an_automaton_is_identified_again_with_the_effect_inside():
     search = EffectSearchCV(
         HybridAutomatonRegressor(2), effects=[Bias(), InputCoupling(), Polynomial(), Reset()]
     )
-    with pytest.warns(GuardWarning, match="nothing in the recordings tells"):
+    with pytest.warns(GuardWarning, match="Nothing in the recordings tells"):
         search.fit(x, t=np.tile(t, 4), groups=np.repeat(np.arange(4), len(t)), signals=outside)
     (found,) = search.effects_
     assert found.kind == "input_coupling"

@@ -17,10 +17,10 @@ from statsmodels.stats.diagnostic import acorr_ljungbox
 from statsmodels.stats.multitest import multipletests
 
 from swsysid import EffectRegressor, SwitchingSystemRegressor
+from swsysid._residual_report import dependence
 from swsysid._residual_report.channels import between_shares, make_channel
 from swsysid._residual_report.dependence import Clock, holm, max_statistic, rearrangements
 from swsysid._residual_report.findings import describe, rounded
-from swsysid._residual_report.settings import Settings
 from swsysid._residual_report.whiteness import normal_scores
 from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
 from swsysid.refinement import StatedModel
@@ -148,10 +148,11 @@ def test_spectrum_is_that_of_lomb_and_scargle():
     assert np.allclose(ours, 2.0 * sum(powers) / np.square(values).sum(), rtol=1e-6)
 
 
-def test_long_trajectories_are_cut_for_the_spectrum():
+def test_long_trajectories_are_cut_for_the_spectrum(monkeypatch):
     codes = np.repeat([0, 1, 2], [100, 30, 5])
-    settings = Settings(longest_piece=25, fewest_rows_of_a_piece=10)
-    clock = Clock.of(np.arange(135.0), codes, settings)
+    monkeypatch.setattr(dependence, "_LONGEST_PIECE", 25)
+    monkeypatch.setattr(dependence, "FEWEST_ROWS_OF_A_PIECE", 10)
+    clock = Clock.of(np.arange(135.0), codes)
     assert [len(rows) for rows in clock.pieces] == [25, 25, 25, 25, 15, 15]
     assert Clock.of(np.arange(5.0), np.zeros(5, int)) is None
 

@@ -1,7 +1,5 @@
 """Free rollouts side by side are those of a simulation that locates its events."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -11,12 +9,11 @@ from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._data.recordings import Record
 from swsysid._free_rollouts.courses import Course
 from swsysid._stays import rollouts
-from swsysid._stays.free_runs import FreeRuns
+from swsysid._stays.free import FreeRuns
 from swsysid._stays.guards import Guards
 from swsysid._stays.origin import Origin
 from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.settings import LIMITS
 
 
 def side_by_side(name, offset, guess=()):
@@ -69,7 +66,7 @@ def test_pieces_of_a_rollout_meet(name, monkeypatch):
     whole, campaign, _ = side_by_side(name, 0.0)
     spread, rng = campaign.states.std(axis=0), np.random.default_rng(0)
     guess = [run.x + 0.01 * spread * rng.standard_normal(run.x.shape) for run in whole]
-    monkeypatch.setattr(rollouts, "LIMITS", replace(LIMITS, piece_of_runs=40))
+    monkeypatch.setattr(rollouts, "_PIECE_OF_RUNS", 40)
     used, in_pieces = [], rollouts.in_pieces
     monkeypatch.setattr(
         rollouts, "in_pieces", lambda *args: used.append(in_pieces(*args)) or used[-1]

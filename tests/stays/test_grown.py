@@ -4,7 +4,7 @@ import numpy as np
 
 from swsysid import SwitchingSystemRegressor
 from swsysid._stays.given import read_given
-from swsysid._stays.grown import grown
+from swsysid._stays.merged import grown
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
-from swsysid._data.input_steps import Hold
+from swsysid._data.recordings import Hold
 from swsysid._stays.given import read_given
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective

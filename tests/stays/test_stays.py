@@ -17,7 +17,6 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 from swsysid.refinement._trajectories import read_trajectories
 
@@ -97,7 +96,7 @@ def test_nodes_inside_of_stays_may_be_eliminated_in_pairs(monkeypatch):
     estimate, objective = near_the_truth(np.random.default_rng(3))
     steps = []
     for joined in ((1,), (2, 1), (16, 4, 1)):
-        monkeypatch.setattr("swsysid._stays.nodes.LIMITS", replace(LIMITS, joined=joined))
+        monkeypatch.setattr("swsysid._stays.nodes._JOINED", joined)
         nodes = estimate.nodes.with_stays(estimate.nodes.stays)
         step, promised = objective.normal_equations(replace(estimate, nodes=nodes)).step(1e-3)
         steps.append(np.append(step, promised))

@@ -14,10 +14,9 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective, recombined
 from swsysid._stays.nodes import Nodes
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, in_exact_steps
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.stays import Stays
-from swsysid._stays.steps import in_exact_steps
 from swsysid.refinement import StatedModel, StatedSurface
 
 DECAY = Laws(np.array([[[-1.0]]]), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))

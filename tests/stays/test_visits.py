@@ -15,8 +15,8 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.retold import Turns, with_visits, without_visits
 from swsysid._stays.stays import Stays
-from swsysid._stays.visits import Turns, with_visits, without_visits
 
 NEAR, BEYOND_SLIDE, NOISE = 2.0, 0.2, np.full(2, 0.01)
 
