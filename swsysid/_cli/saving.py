@@ -47,15 +47,36 @@ def save(
     def write(draft: Path, beside: Path | None) -> str:
         drawn = _draw(result, draft / PORTRAIT)
         if search is not None and beside is not None:
-            save_model(search.best_estimator_, draft / EFFECTS, recording=recording)
-            drawn += f", {EFFECTS}"
-            title = page_title(samples.source)
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", _MISSING.pattern)
-                search.report_.to_html(beside, units=_units_of_displays(samples), title=title)
+            drawn += _write_search(search, samples, recording, draft, beside)
         return drawn
 
     return _save(result.model, recording, text, folder, page, write)
+
+
+def save_diagnosis(
+    search: EffectSearchCV, samples: Samples, text: str, folder: Path, page: Path, checksum: str
+) -> int:
+    """Write and print what a law lacks; the exit code is 2 if it cannot be written."""
+    recording = _recording(samples, checksum)
+
+    def write(draft: Path, beside: Path | None) -> str:
+        assert beside is not None
+        return _write_search(search, samples, recording, draft, beside)
+
+    declared = search.declared_estimator_.estimator_
+    return _save(declared, recording, text, folder, page, write)
+
+
+def _write_search(
+    search: EffectSearchCV, samples: Samples, recording: Recording, draft: Path, page: Path
+) -> str:
+    """The model with effects and the page; says what there is."""
+    save_model(search.best_estimator_, draft / EFFECTS, recording=recording)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", _MISSING.pattern)
+        units, title = units_of_displays(samples), page_title(samples.source)
+        search.report_.to_html(page, units=units, title=title)
+    return f", {EFFECTS}"
 
 
 def save_automaton(
@@ -140,7 +161,7 @@ def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]
     }
 
 
-def _units_of_displays(samples: Samples) -> dict[str, str]:
+def units_of_displays(samples: Samples) -> dict[str, str]:
     """Units by the names that displays use for rates and times."""
     rates = zip(samples.names, samples.rate_names, strict=False)
     named = {f"d/dt {name}": samples.unit(rate) for name, rate in rates}

@@ -12,7 +12,7 @@ import numpy as np
 from sklearn import config_context
 from sklearn.base import BaseEstimator, TransformerMixin, clone
 from sklearn.compose import ColumnTransformer
-from sklearn.pipeline import Pipeline
+from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._checks.estimators import check_fitted, column_names, rows_of
@@ -300,7 +300,8 @@ class FeatureMap:
 
     def _transformed(self, X) -> np.ndarray:
         with _arrays():
-            return np.asarray(self.library.transform(X), dtype=float)
+            made = _columns_of(self.library, X) if isinstance(X, np.ndarray) else None
+            return np.asarray(self.library.transform(X) if made is None else made, dtype=float)
 
 
 def _arrays():
@@ -346,6 +347,37 @@ def _powers_of(library, n_columns: int) -> np.ndarray | None:
         kind.__name__ == "PolynomialLibrary" and kind.__module__.startswith("pysindy.")
     )
     return library.powers_ if known else None
+
+
+def _columns_of(library, X: np.ndarray) -> np.ndarray | None:
+    """What known steps make of rows; None of others.
+
+    The checks of a union or a pipeline take twenty times as long as their work on a few hundred
+    rows, and rollouts ask for such a few at a time.
+    """
+    if isinstance(library, FunctionLibrary):
+        return library.at_rows(X)
+    if type(library) is Pipeline:
+        made: np.ndarray | None = X
+        for step in library:
+            made = None if made is None else _columns_of(step, made)
+        return made
+    powers = _powers_of(library, X.shape[1])
+    if powers is not None:
+        return Monomials(powers)(X)
+    if type(library) is FeatureUnion and not library.transformer_weights:
+        parts = [_columns_of(part, X) for _, part in library.transformer_list]
+    elif type(library) is ColumnTransformer and library.remainder == "drop":
+        places = [np.asarray(columns) for _, _, columns in library.transformers]
+        if any(place.ndim != 1 or place.dtype.kind not in "ib" for place in places):
+            return None  # names, or functions of a frame
+        each = [(name, X[:, columns]) for name, _, columns in library.transformers]
+        passed = {name for name, one, _ in library.transformers if one == "passthrough"}
+        known = library.named_transformers_
+        parts = [own if name in passed else _columns_of(known[name], own) for name, own in each]
+    else:
+        return None
+    return np.hstack(parts) if all(part is not None for part in parts) else None
 
 
 def _passed(step, columns: np.ndarray) -> np.ndarray | None:

@@ -217,6 +217,20 @@ class EffectReport(EffectContents):
             self, equation=equation, effect=effect, units=units, ax=ax
         )
 
+    def to_text(self, *, units=None) -> str:
+        """What `print` shows, errors with their units.
+
+        Parameters
+        ----------
+        units : mapping from names to units, default=None
+            As in `swsysid.plotting.EffectReportDisplay`.
+
+        Returns
+        -------
+        str
+        """
+        return "\n".join(report_lines(self, units))
+
     def to_html(self, path=None, *, units=None, title: str = "Effect search") -> str:
         """A self-contained page; written to `path` too, if one is given.
 
@@ -240,7 +254,7 @@ class EffectReport(EffectContents):
         return self.to_html()
 
     def __str__(self) -> str:
-        return "\n".join(report_lines(self))
+        return self.to_text()
 
 
 def in_words(term: PlacedEffect, records: Records) -> str:

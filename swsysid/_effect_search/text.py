@@ -6,16 +6,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from swsysid._effect_search.contents import EffectContents
+from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.words import (
+    Units,
     aside,
     effect_title,
     error,
     first_of,
     interval,
+    judged_unit,
     law_of,
+    noise_floor,
+    percent,
     probability,
 )
 from swsysid._noise import root_mean_square
@@ -36,13 +40,13 @@ _LEAST = float(np.finfo(float).tiny)
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 
-def summary(report: EffectContents) -> str:
+def summary(report: EffectContents, units: Units = None) -> str:
     """What came out, in a sentence; what is wrong, before it."""
-    sentences = [*report.alarms, _outcome(report), *_risen(report), *_rollouts_no_better(report)]
-    return " ".join(sentences)
+    outcome = _outcome(report, units)
+    return " ".join([*report.alarms, outcome, *_risen(report), *_rollouts_no_better(report)])
 
 
-def _outcome(report: EffectContents) -> str:
+def _outcome(report: EffectContents, units: Units) -> str:
     if not report.n_held_out:
         return "Nothing was searched: the record is too short to hold any of it out."
     if not report.effects and report.time_interval is not None:
@@ -63,10 +67,10 @@ def _outcome(report: EffectContents) -> str:
     name = effect_title(report.effects[0], report)
     weak = ", weak evidence" if report.effects[0].doubts else ""
     name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
-    return f"{name}: {_fall(report, 'with them' if others else 'with it')}."
+    return f"{name}: {_fall(report, 'with them' if others else 'with it', units)}."
 
 
-def _fall(report: EffectContents, with_them: str) -> str:
+def _fall(report: EffectContents, with_them: str, units: Units) -> str:
     """By how much the effects lower an error, with gross rows and, where they hide it, without."""
     every = [np.array(report.errors[place]["held_out"]) for place in (0, -1)]
     has_others = report.data is not None and not report.of_rollouts
@@ -83,12 +87,28 @@ def _fall(report: EffectContents, with_them: str) -> str:
         )
     hidden = other == target and fall < REPORT.hidden * usual_fall
     without = f", and {_instead(usual, target)} {which}" if hidden else ""
-    return f"{lead} {_rate_of(report, target)} is {_instead(every, target)}{without}"
+    instead = _instead(every, target, judged_unit(report, target, units))
+    explained = "" if hidden else _explained(report, target)
+    return f"{lead} {_rate_of(report, target)} is {instead}{without}{explained}"
 
 
-def _instead(errors: Sequence[Array], state: int) -> str:
+def _instead(errors: Sequence[Array], state: int, unit: str = "") -> str:
     before, after = errors
-    return f"{error(after[state], before[state])} instead of {before[state]:.4g}"
+    low, high = error(after[state], before[state]), f"{before[state]:.4g}"
+    return f"{low} {unit} instead of {high} {unit}" if unit else f"{low} instead of {high}"
+
+
+def _explained(report: EffectContents, state: int) -> str:
+    """The share of what is no noise that the effects explain, and what remains of that."""
+    noise = noise_floor(report, state)
+    before, after = (report.errors[place]["held_out"][state] for place in (0, -1))
+    if noise is None or before <= noise:
+        return ""
+    share = (before**2 - max(after, noise) ** 2) / (before**2 - noise**2)
+    told = f". {percent(share)} of the squared error above the noise is explained"
+    if after <= REPORT.noise_alone * noise:
+        return f"{told}, and nothing but noise is left"
+    return f"{told}, and {after / noise:.2g} times the noise is left" if noise > 0.0 else told
 
 
 def _judged(report: EffectContents, name: str) -> str:
@@ -235,8 +255,11 @@ def ends(rollout: Rollout) -> list[tuple[str, str]]:
 
 
 def skipped(report: EffectContents) -> list[str]:
-    """Kinds that were not looked for, and why."""
-    return [f"{kind}: {why}" for kind, why in report.skipped.items()]
+    """Kinds that were not looked for, by the reasons why."""
+    reasons: dict[str, list[str]] = {}
+    for kind, why in report.skipped.items():
+        reasons.setdefault(why, []).append(kind)
+    return [f"{', '.join(kinds)}: {why}" for why, kinds in reasons.items()]
 
 
 def not_kept(report: EffectContents) -> list[str]:
@@ -264,16 +287,19 @@ def _of_rollouts(errors: Sequence[float] | None) -> str:
 # -- the text -------------------------------------------------------------------------------------
 
 
-def report_lines(report: EffectContents) -> Iterator[str]:
+def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
     """The whole report."""
     yield (
         f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
         f"({report.held_out}).{at_rest(report)}"
     )
-    yield summary(report)
+    yield summary(report, units)
+    if report.data is not None and report.effects:
+        yield ""
+        yield from _laws(report.data)
     if report.errors:
         yield ""
-        yield from _errors(report)
+        yield from _errors(report, units)
     for number, effect in enumerate(report.effects, start=1):
         yield ""
         yield from _effect(number, effect, report)
@@ -304,7 +330,15 @@ def report_lines(report: EffectContents) -> Iterator[str]:
             yield from (f"  {entry}" for entry in first_of(entries, REPORT.names_in_text))
 
 
-def _errors(report: EffectContents) -> list[str]:
+def _laws(data: EffectData) -> Iterator[str]:
+    """The laws without the effects and with them, of one mode."""
+    for when, model in zip(("without", "with"), (data.models[0], data.final), strict=True):
+        if model.joint_fit_.n_modes == 1:
+            laws = (law.removeprefix("mode 0: ") for law in model.equations(REPORT.precision))
+            yield from (f"{f'{when}:':8} {law}" for law in laws)
+
+
+def _errors(report: EffectContents, units: Units) -> list[str]:
     """Held-out errors of every equation, one line a model."""
     what = "RMS error, free rollouts held out" if report.of_rollouts else "held-out RMS error"
     columns = [(what, "<1", [row["model"] for row in report.errors])]
@@ -312,7 +346,9 @@ def _errors(report: EffectContents) -> list[str]:
         exact = name in report.exact  # where rounding is left
         every = [row["held_out"][state] for row in report.errors]
         errors = ["exact" if exact else error(one, every[0]) for one in every]
-        columns.append((_judged(report, name), ">12", errors))
+        unit = judged_unit(report, state, units)
+        title = _judged(report, name)
+        columns.append((f"{title} [{unit}]" if unit else title, ">12", errors))
     return text_table(columns, gap="  ")
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from swsysid._displays.style import unit_of
 from swsysid._effect_search.contents import EffectContents, RowsSetAside
 from swsysid._effect_search.settings import REPORT
 from swsysid._rendering.printing import between
 from swsysid.effects import FoundEffect, Rival
 from swsysid.effects._base import NOWHERE
+
+Units = Mapping[str, str] | None
 
 
 def rate(name: str, discrete: bool = False, static: bool = False) -> str:
@@ -42,6 +45,23 @@ def law_of(name: str, report: EffectContents) -> str:
     return rate(name, report.discrete, report.static)
 
 
+def noise_floor(report: EffectContents, state: int) -> float | None:
+    """Of what the errors are of, as far as it is known."""
+    if report.of_rollouts:
+        noise = None if report.data is None else report.data.noise
+        return None if noise is None else float(noise[state])
+    left = report.residual_before
+    sizes = [] if left is None else [one for one in left.size if one.mode is None]
+    return sizes[state].noise_floor if len(sizes) == len(report.targets) else None
+
+
+def judged_unit(report: EffectContents, state: int, units: Units) -> str:
+    """The unit of what errors are of, "" where it is not known."""
+    name = report.targets[state]
+    is_rate = not (report.of_rollouts or report.discrete or report.static)
+    return unit_of(f"d/dt {name}" if is_rate else name, units) or ""
+
+
 def sentence(text: str, names: Sequence[str]) -> str:
     """Text as a sentence; a channel's name that it begins with keeps its letters."""
     first = text if any(text.startswith(name) for name in names) else text[:1].upper() + text[1:]
@@ -58,6 +78,19 @@ def error(value: float, before: float) -> str:
     """A root mean square error, no smaller than the rounding of what it was before."""
     least = REPORT.smallest_error * before
     return f"{value:.4g}" if value >= least else f"< {least:.1g}"
+
+
+def percent(share: float) -> str:
+    """A share, never rounded to nothing or to all of it.
+
+    Examples
+    --------
+    >>> [percent(share) for share in (0.123, 0.99999, 1.0, 1e-4)]
+    ['12 %', 'over 99 %', '100 %', 'under 1 %']
+    """
+    if 0.995 < share < 1.0:
+        return "over 99 %"
+    return "under 1 %" if 0.0 < share < 0.005 else f"{100.0 * share:.0f} %"
 
 
 def interval(effect: FoundEffect, name: str) -> str:
