@@ -377,7 +377,8 @@ def _columns_of(library, X: np.ndarray) -> np.ndarray | None:
         parts = [own if name in passed else _columns_of(known[name], own) for name, own in each]
     else:
         return None
-    return np.hstack(parts) if all(part is not None for part in parts) else None
+    made_of = [part for part in parts if part is not None]
+    return np.hstack(made_of) if len(made_of) == len(parts) else None
 
 
 def _passed(step, columns: np.ndarray) -> np.ndarray | None:
