@@ -4,43 +4,100 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_regressor import HybridAutomatonRegressor
+from swsysid._cli.automaton import automaton_of, own_warnings
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
-from swsysid._cli.saving import save_diagnosis, units_of_displays
+from swsysid._cli.settings import JUDGING
 from swsysid._cli.terms import Terms
-from swsysid._cli.text import described, preparation
+from swsysid._cli.text import described, preparation, units_of_displays
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._rendering.progress import stage
+from swsysid._results import Array
 from swsysid._tables.table import Table, TableError
 from swsysid.diagnosis import EffectSearchCV
 from swsysid.effects import Effect, all_effects, special_effects
 
 
-def run_diagnosis(
-    table: Table,
-    options: JobOptions,
-    effects: Sequence[Effect],
-    folder: Path,
-    page: Path,
-    checksum: str,
-) -> int:
-    """Search for what one law lacks, print and save."""
-    samples = measure(table, options.measurement)
-    columns = tuple(range(samples.X.shape[1]))
-    if options.position == "no":
-        columns = columns[samples.n_known :]
-    terms = Terms(columns, options.library_degree, options.waves, *samples.angles)
-    declared = options.regressor(1, feature_library=terms.library(samples.X.shape[1]))
-    search = searched(samples, declared, effects, options)
-    n_samples, n_groups = len(samples.X), len(np.unique(samples.groups))
-    told = [described(samples, n_samples, n_groups), *preparation(samples)]
-    report = search.report_.to_text(units=units_of_displays(samples))
-    text = "\n".join(told) + "\n\n" + report
-    return save_diagnosis(search, samples, text, folder, page, checksum)
+@dataclass(frozen=True)
+class Diagnosis:
+    """What one law lacks, found in samples; or several laws in its place."""
+
+    search: EffectSearchCV
+    samples: Samples
+    notes: Sequence[str]
+    several: HybridAutomatonRegressor | None = None
+    told_of_several: str = ""
+
+    @property
+    def explains_little(self) -> bool:
+        """Whether one law predicts less than half of what was held out, or lacks what has no name.
+
+        All that was found stands beside it.
+        """
+        report = self.search.report_
+        if report.data is None or not report.of_rollouts:
+            return False
+        records = report.data.records
+        spread = records.X[:, : records.n_states].std(axis=0)
+        left = np.sqrt(np.mean(np.square(self.left / spread)))
+        rest = report.residual_before
+        return bool(left > JUDGING.half) or (report.clean and rest is not None and not rest.clean)
+
+    @property
+    def left(self) -> Array:
+        """What free rollouts with all that was found leave of what was held out, (n_states,)."""
+        return np.array(self.search.report_.errors[-1]["held_out"])
+
+    def beside(self, found: HybridAutomatonRegressor, told: str) -> Diagnosis:
+        """With several laws, where these leave a fraction of what one law leaves."""
+        is_better = bool((found.noise_ < JUDGING.told * self.left).all()) and found.n_modes_ > 1
+        return replace(self, several=found, told_of_several=told) if is_better else self
+
+    @property
+    def text(self) -> str:
+        """The data, and what was found."""
+        samples, recorded = self.samples, self.samples.recorded
+        n_samples = len(samples.X) if recorded is None else recorded.n_samples
+        n_groups = len(np.unique(samples.groups if recorded is None else recorded.groups))
+        data = [described(samples, n_samples, n_groups), *preparation(samples)]
+        report = self.search.report_.to_text(units=units_of_displays(samples))
+        if self.several is not None:
+            sizes = zip(samples.names, self.left, strict=False)
+            left = ", ".join(
+                f"{name} {size:.3g} {samples.unit(name)}".rstrip() for name, size in sizes
+            )
+            report = (
+                f"Several laws follow each other. {self.told_of_several}\n\n"
+                f"One law, with all that was found beside it, leaves {left} in free rollouts over "
+                f"what was held out: {self.search.report_.summary}"
+            )
+        notes = [f"note: {note}" for note in self.notes if note not in report]
+        return "\n\n".join(["\n".join(data), report, *notes])
+
+
+def diagnosed(
+    table: Table, options: JobOptions, effects: Sequence[Effect], is_left_open: bool, watched: bool
+) -> Diagnosis:
+    """What one law lacks; several laws, if the number is left open and one explains little."""
+    with own_warnings() as notes, stage("Searching for what the law lacks", watched):
+        samples = measure(table, options.measurement)
+        columns = tuple(range(samples.X.shape[1]))
+        if options.position == "no":
+            columns = columns[samples.n_known :]
+        terms = Terms(columns, options.library_degree, options.waves, *samples.angles)
+        declared = options.regressor(1, feature_library=terms.library(samples.X.shape[1]))
+        search = searched(samples, declared, effects, options)
+    done = Diagnosis(search, samples, notes)
+    if is_left_open and options.measurement.order == 1 and done.explains_little:
+        with stage("Looking for several laws", watched):
+            done = done.beside(*automaton_of(samples, replace(options, modes="auto")))
+    return done
 
 
 def searched(
@@ -71,7 +128,10 @@ def searched(
     signals, t, groups = samples.signals, samples.t, samples.groups
     if recorded is None:
         logged, several = frame(signals, signal_names), _several(groups, options)
-        return search.fit(samples.frame, samples.Xdot, t=t, groups=several, signals=logged)
+        given = samples.Xdot
+        if options.measurement.quantity:
+            given = pd.Series(given[:, 0], name=samples.rate_names[0])
+        return search.fit(samples.frame, given, t=t, groups=several, signals=logged)
     x, inputs = samples.X[:, :n_states], samples.X[:, n_states:]
     if options.measurement.order == 1:
         rows = recorded.of_samples()

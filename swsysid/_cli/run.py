@@ -7,7 +7,6 @@ import hashlib
 import html
 import os
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -15,13 +14,13 @@ from pathlib import Path
 from sklearn.base import clone
 
 from swsysid._cli.arguments import LIBRARIES, is_watched, modes
-from swsysid._cli.automaton import run_automaton
-from swsysid._cli.diagnosis import chosen_effects, run_diagnosis, searched
+from swsysid._cli.automaton import own_warnings, run_automaton
+from swsysid._cli.diagnosis import chosen_effects, diagnosed, searched
 from swsysid._cli.job import JobOptions, JobResult, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.output import prepare
-from swsysid._cli.saving import page_title, save, units_of_displays
-from swsysid._cli.text import render, with_effects
+from swsysid._cli.saving import page_title, save, save_diagnosis
+from swsysid._cli.text import render, units_of_displays, with_effects
 from swsysid._rendering.progress import stage
 from swsysid._results import SolverError
 from swsysid._tables.table import Table, TableError
@@ -44,31 +43,28 @@ def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) 
     checksum = _checksum(arguments.file)
     prepare(arguments.output, table.source, checksum)
     watched = is_watched(arguments.verbose)
+    options = _options(arguments, measurement)
     if arguments.automaton:
-        options = _options(arguments, measurement)
         with stage("Identifying an automaton", watched):
             return run_automaton(table, options, arguments.output, checksum)
     search, page, effects = None, None, []
     if arguments.diagnose:
         effects, page = chosen_effects(arguments.effects), _page_path(arguments.html, table.source)
-        options = _options(arguments, measurement)
-        if options.modes == 1:
-            with stage("Searching for what the law lacks", watched):
-                return run_diagnosis(table, options, effects, arguments.output, page, checksum)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
+        is_left_open = arguments.modes is None and not options.has_measured_rates
+        if is_left_open or options.modes == 1:
+            found = diagnosed(table, options, effects, is_left_open, watched)
+            return save_diagnosis(found, arguments.output, page, checksum)
+    with own_warnings() as notes:
         with stage("Smoothing, and identifying modes", watched):
-            result = run_job(table, _options(arguments, measurement))
+            result = run_job(table, options)
         if page is not None:
             with stage("Searching for what the model lacks", watched):
                 search = _diagnose(result, effects)
-    text = render(result)
-    notes = dict.fromkeys([*(str(warning.message) for warning in caught), *result.notes])
-    told = [f"note: {note}" for note in notes]
+    told = [f"note: {note}" for note in dict.fromkeys([*notes, *result.notes])]
     if search is not None:
         report = search.report_.to_text(units=units_of_displays(result.samples))
         told += [report, with_effects(search.best_estimator_)]
-    text = "\n\n".join(part for part in [text, *told] if part)
+    text = "\n\n".join(part for part in [render(result), *told] if part)
     return save(result, text, arguments.output, search, page, checksum)
 
 

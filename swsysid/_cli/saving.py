@@ -18,12 +18,15 @@ from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._cli.job import JobResult
 from swsysid._cli.output import AUTOMATON, EFFECTS, GRAPH, MODEL, PORTRAIT, TEXT, results
 from swsysid._cli.samples import Samples
+from swsysid._cli.text import units_of_displays
 from swsysid._saving.files import Recording, save_model
 from swsysid._whole_or_nothing import written_beside
 from swsysid.diagnosis import EffectSearchCV
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from swsysid._cli.diagnosis import Diagnosis
 
 
 _NO_PICTURE = ' (no picture: install matplotlib, pip install "swsysid[plot]").'
@@ -53,18 +56,18 @@ def save(
     return _save(result.model, recording, text, folder, page, write)
 
 
-def save_diagnosis(
-    search: EffectSearchCV, samples: Samples, text: str, folder: Path, page: Path, checksum: str
-) -> int:
+def save_diagnosis(found: Diagnosis, folder: Path, page: Path, checksum: str) -> int:
     """Write and print what a law lacks; the exit code is 2 if it cannot be written."""
+    samples, several = found.samples, found.several
     recording = _recording(samples, checksum)
 
     def write(draft: Path, beside: Path | None) -> str:
         assert beside is not None
-        return _write_search(search, samples, recording, draft, beside)
+        written = "" if several is None else _write_automaton(several, draft)
+        return written + _write_search(found.search, samples, recording, draft, beside)
 
-    declared = search.declared_estimator_.estimator_
-    return _save(declared, recording, text, folder, page, write)
+    declared = found.search.declared_estimator_.estimator_
+    return _save(several or declared, recording, found.text, folder, page, write)
 
 
 def _write_search(
@@ -85,11 +88,16 @@ def save_automaton(
     """Write and print what was found; the exit code is 2 if it cannot be written."""
 
     def write(draft: Path, _: Path | None) -> str:
-        told = json.dumps(found.to_dict(), indent=1)
-        (draft / AUTOMATON).write_text(told + "\n", encoding="utf-8")
-        return f", {AUTOMATON}{_drawn(found, draft / GRAPH)}"
+        return _write_automaton(found, draft)
 
     return _save(found, _recording(samples, checksum), text, folder, None, write)
+
+
+def _write_automaton(found: HybridAutomatonRegressor, draft: Path) -> str:
+    """The automaton and its graph; says what there is."""
+    told = json.dumps(found.to_dict(), indent=1)
+    (draft / AUTOMATON).write_text(told + "\n", encoding="utf-8")
+    return f", {AUTOMATON}{_drawn(found, draft / GRAPH)}"
 
 
 def _picture(figure: Figure, path: Path) -> str:
@@ -159,14 +167,6 @@ def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]
         "noise": [float(size) for size in used.noise],
         "every": samples.decimate,
     }
-
-
-def units_of_displays(samples: Samples) -> dict[str, str]:
-    """Units by the names that displays use for rates and times."""
-    rates = zip(samples.names, samples.rate_names, strict=False)
-    named = {f"d/dt {name}": samples.unit(rate) for name, rate in rates}
-    named["time"] = samples.time_unit
-    return {**samples.units, **{name: unit for name, unit in named.items() if unit}}
 
 
 def _draw(result: JobResult, path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Hashable, Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
 from itertools import combinations
 from math import comb
 
@@ -20,6 +20,8 @@ from swsysid._checks.parameters import shown, whole
 from swsysid._data import coordinates
 from swsysid._data.coordinates import Extent, Monomials
 from swsysid._results import Array
+
+Features = Callable[[np.ndarray], np.ndarray]
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000
@@ -300,8 +302,8 @@ class FeatureMap:
 
     def _transformed(self, X) -> np.ndarray:
         with _arrays():
-            made = _columns_of(self.library, X) if isinstance(X, np.ndarray) else None
-            return np.asarray(self.library.transform(X) if made is None else made, dtype=float)
+            plan = _plan_of(self) if isinstance(X, np.ndarray) else None
+            return np.asarray((plan or self.library.transform)(X), dtype=float)
 
 
 def _arrays():
@@ -349,36 +351,64 @@ def _powers_of(library, n_columns: int) -> np.ndarray | None:
     return library.powers_ if known else None
 
 
-def _columns_of(library, X: np.ndarray) -> np.ndarray | None:
-    """What known steps make of rows; None of others.
+@lru_cache(maxsize=16)
+def _plan_of(feature_map: FeatureMap) -> Features | None:
+    """What the library of a map does to rows, if all its steps are known."""
+    return _plan(feature_map.library, len(feature_map.names_in))
+
+
+def _plan(library, n_columns: int) -> Features | None:
+    """What known steps do to rows of so many columns; None of others.
 
     The checks of a union or a pipeline take twenty times as long as their work on a few hundred
     rows, and rollouts ask for such a few at a time.
     """
     if isinstance(library, FunctionLibrary):
-        return library.at_rows(X)
+        return library.at_rows
     if type(library) is Pipeline:
-        made: np.ndarray | None = X
-        for step in library:
-            made = None if made is None else _columns_of(step, made)
-        return made
-    powers = _powers_of(library, X.shape[1])
+        return _in_a_row(library, n_columns)
+    powers = _powers_of(library, n_columns)
     if powers is not None:
-        return Monomials(powers)(X)
+        return Monomials(powers)
     if type(library) is FeatureUnion and not library.transformer_weights:
-        parts = [_columns_of(part, X) for _, part in library.transformer_list]
-    elif type(library) is ColumnTransformer and library.remainder == "drop":
-        places = [np.asarray(columns) for _, _, columns in library.transformers]
-        if any(place.ndim != 1 or place.dtype.kind not in "ib" for place in places):
-            return None  # names, or functions of a frame
-        each = [(name, X[:, columns]) for name, _, columns in library.transformers]
-        passed = {name for name, one, _ in library.transformers if one == "passthrough"}
-        known = library.named_transformers_
-        parts = [own if name in passed else _columns_of(known[name], own) for name, own in each]
-    else:
+        return _side_by_side([_plan(part, n_columns) for _, part in library.transformer_list])
+    if type(library) is ColumnTransformer and library.remainder == "drop":
+        fitted = library.named_transformers_
+        return _side_by_side(
+            [
+                _of_columns(np.asarray(columns), one if one == "passthrough" else fitted[name])
+                for name, one, columns in library.transformers
+            ]
+        )
+    return None
+
+
+def _in_a_row(steps, n_columns: int) -> Features | None:
+    """One step after the other."""
+    plans: list[Features] = []
+    for step in steps:
+        plan = _plan(step, n_columns)
+        if plan is None:
+            return None
+        plans.append(plan)
+        n_columns = plan(np.ones((1, n_columns))).shape[1]
+    return lambda X: reduce(lambda made, plan: plan(made), plans, X)
+
+
+def _side_by_side(plans: Sequence[Features | None]) -> Features | None:
+    """The columns of one after those of another."""
+    known = [plan for plan in plans if plan is not None]
+    return (lambda X: np.hstack([plan(X) for plan in known])) if len(known) == len(plans) else None
+
+
+def _of_columns(columns: np.ndarray, step) -> Features | None:
+    """What a step makes of some columns; None of those that have names, or are a mask."""
+    if columns.ndim != 1 or columns.dtype.kind != "i":
         return None
-    made_of = [part for part in parts if part is not None]
-    return np.hstack(made_of) if len(made_of) == len(parts) else None
+    if step == "passthrough":
+        return lambda X: X[:, columns]
+    plan = _plan(step, len(columns))
+    return None if plan is None else lambda X: plan(X[:, columns])
 
 
 def _passed(step, columns: np.ndarray) -> np.ndarray | None:

@@ -255,7 +255,8 @@ def _sound(outcome: RecordedOutcome, done: Searched) -> RecordedOutcome:
         outcome = _confirmed(outcome)
         tried += outcome.tried
         kept = [one.candidate for one in outcome.findings]
-        n_sound = next((k for k, one in enumerate(listed) if one not in kept), len(listed))
+        both = zip(listed, kept, strict=False)  # one may have been found twice
+        n_sound = next((k for k, (one, other) in enumerate(both) if one is not other), len(kept))
         is_done = n_sound == len(kept) and (n_sound or not listed)
         if is_done or len(done.search.refuted) == outcome.search.most:
             return replace(outcome, tried=tuple(tried))

@@ -125,11 +125,9 @@ class EffectReport(EffectContents):
     )
 
     @classmethod
-    def nothing_done(cls, measured: Measured, parts: Split) -> EffectReport:
-        """The report of a record too short to hold anything out."""
-        records, enough = measured.records, measured.enough(parts)
-        told = f"nothing: {enough} samples would be enough, for longer or faster"
-        return cls(records.equations, told, len(records), 0)
+    def nothing_done(cls, measured: Measured, enough: str) -> EffectReport:
+        """The report of a record too short to hold anything out, and what would be `enough`."""
+        return cls(measured.records.equations, f"nothing: {enough}", len(measured.records), 0)
 
     @classmethod
     def of(

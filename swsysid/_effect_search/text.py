@@ -12,14 +12,14 @@ from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.words import (
     Units,
     aside,
+    briefly,
     effect_title,
     error,
+    explained,
     first_of,
     interval,
     judged_unit,
     law_of,
-    noise_floor,
-    percent,
     probability,
 )
 from swsysid._noise import root_mean_square
@@ -48,7 +48,8 @@ def summary(report: EffectContents, units: Units = None) -> str:
 
 def _outcome(report: EffectContents, units: Units) -> str:
     if not report.n_held_out:
-        return "Nothing was searched: the record is too short to hold any of it out."
+        _, _, enough = report.held_out.partition(": ")
+        return f"Nothing was searched: the record is too short to hold any of it out. {enough}"
     if not report.effects and report.time_interval is not None:
         return f"No effect that was looked for is missing at all times. {aside(report)}"
     if not report.effects and report.acts_rarely:
@@ -88,27 +89,14 @@ def _fall(report: EffectContents, with_them: str, units: Units) -> str:
     hidden = other == target and fall < REPORT.hidden * usual_fall
     without = f", and {_instead(usual, target)} {which}" if hidden else ""
     instead = _instead(every, target, judged_unit(report, target, units))
-    explained = "" if hidden else _explained(report, target)
-    return f"{lead} {_rate_of(report, target)} is {instead}{without}{explained}"
+    share = "" if hidden else explained(report, target)
+    return f"{lead} {_rate_of(report, target)} is {instead}{without}{share}"
 
 
 def _instead(errors: Sequence[Array], state: int, unit: str = "") -> str:
     before, after = errors
     low, high = error(after[state], before[state]), f"{before[state]:.4g}"
     return f"{low} {unit} instead of {high} {unit}" if unit else f"{low} instead of {high}"
-
-
-def _explained(report: EffectContents, state: int) -> str:
-    """The share of what is no noise that the effects explain, and what remains of that."""
-    noise = noise_floor(report, state)
-    before, after = (report.errors[place]["held_out"][state] for place in (0, -1))
-    if noise is None or before <= noise:
-        return ""
-    share = (before**2 - max(after, noise) ** 2) / (before**2 - noise**2)
-    told = f". {percent(share)} of the squared error above the noise is explained"
-    if after <= REPORT.noise_alone * noise:
-        return f"{told}, and nothing but noise is left"
-    return f"{told}, and {after / noise:.2g} times the noise is left" if noise > 0.0 else told
 
 
 def _judged(report: EffectContents, name: str) -> str:
@@ -289,10 +277,11 @@ def _of_rollouts(errors: Sequence[float] | None) -> str:
 
 def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
     """The whole report."""
-    yield (
-        f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
-        f"({report.held_out}).{at_rest(report)}"
-    )
+    if report.n_held_out:
+        yield (
+            f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
+            f"({report.held_out}).{at_rest(report)}"
+        )
     yield summary(report, units)
     if report.data is not None and report.effects:
         yield ""
@@ -312,10 +301,7 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
         yield f"Set aside: {aside(report)}"
     if report.dropped:
         yield dropped(report)
-    when = [" without the effects", " with the effects"] if report.effects else [""]
-    for whether, (_, leftover) in zip(when, leftovers(report), strict=False):
-        for name, said in verdicts(leftover, report):
-            yield f"Left over of {name}{whether}: {said}"
+    yield from _left_over(report)
     if report.effects and not report.of_rollouts:
         yield from _rollouts(report)
     if report.free_rollouts is not None:
@@ -328,6 +314,16 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
         if entries:
             yield f"{heading}:"
             yield from (f"  {entry}" for entry in first_of(entries, REPORT.names_in_text))
+
+
+def _left_over(report: EffectContents) -> Iterator[str]:
+    """What is left of each equation; without the effects of those alone that have some."""
+    when = [" without the effects", " with the effects"] if report.effects else [""]
+    acted_on = {law_of(report.targets[one.target], report) for one in report.effects}
+    for whether, (model, leftover) in zip(when, leftovers(report), strict=False):
+        for name, said in verdicts(leftover, report):
+            if name in acted_on or model == _WITH_EFFECTS or not acted_on:
+                yield f"Left over of {name}{whether}: {briefly(said)}"
 
 
 def _laws(data: EffectData) -> Iterator[str]:
@@ -366,12 +362,17 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
     for formula in effect.formulas[: REPORT.formulas]:
         verdict = "predicts as well" if formula.ties else "predicts worse"
         yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
+    advised: dict[str, list[str]] = {}
     for rival in effect.rivals:
         entry = f"{effect_title(rival, report)}, error {error(rival.error, effect.error_before)}"
         if effect.kind == UnknownFunction.kind:
             yield f"   near effect with a name: {entry} instead of {effect.error_after:.4g}"
         else:
-            yield f"   rival, as good on these data: {entry}; to tell them apart: {rival.advice}"
+            advised.setdefault(rival.advice, []).append(entry)
+    for advice, entries in advised.items():
+        which = "rival" if len(entries) == 1 else "rivals"
+        listed = "; ".join(entries)
+        yield f"   {which}, as good on these data: {listed}; to tell them apart: {advice}"
 
 
 def _rollouts(report: EffectContents) -> Iterator[str]:
@@ -387,5 +388,5 @@ def _rollouts(report: EffectContents) -> Iterator[str]:
             f"RMS error {errors}."
         )
         yield from (f"  The rollout of the {model} ended: {why}" for model, why in ends(rollout))
-    if report.data.why_no_rollouts:
+    if report.data.why_no_rollouts and not report.static:
         yield f"No rollouts: {report.data.why_no_rollouts}."

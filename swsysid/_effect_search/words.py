@@ -45,6 +45,20 @@ def law_of(name: str, report: EffectContents) -> str:
     return rate(name, report.discrete, report.static)
 
 
+def explained(report: EffectContents, state: int) -> str:
+    """The share of what is no noise that the effects explain, and what remains of that."""
+    noise = noise_floor(report, state)
+    before, after = (report.errors[place]["held_out"][state] for place in (0, -1))
+    if noise is None or before <= noise:
+        return ""
+    share = (before**2 - max(after, noise) ** 2) / (before**2 - noise**2)
+    told = f". Of the squared error above the noise {percent(share)} is explained"
+    if after <= REPORT.noise_alone * noise:
+        return f"{told}, and nothing but noise is left"
+    is_free = noise <= REPORT.least_noise * before  # of noise: the record is all but exact
+    return told if is_free else f"{told}, and {after / noise:.2g} times the noise is left"
+
+
 def noise_floor(report: EffectContents, state: int) -> float | None:
     """Of what the errors are of, as far as it is known."""
     if report.of_rollouts:
@@ -78,6 +92,22 @@ def error(value: float, before: float) -> str:
     """A root mean square error, no smaller than the rounding of what it was before."""
     least = REPORT.smallest_error * before
     return f"{value:.4g}" if value >= least else f"< {least:.1g}"
+
+
+def briefly(said: str) -> str:
+    """A sentence on what is left, with the first thing that it depends on.
+
+    Examples
+    --------
+    >>> briefly("the residual is 2.0 times the noise floor; it depends on v (p<=0.01, 5% of it).")
+    'the residual is 2.0 times the noise floor; it depends on v (p<=0.01, 5% of it).'
+    >>> briefly("the residual is 3; it depends on x (a line) and on v (a step); its spread too.")
+    'the residual is 3; it depends on x (a line), and more.'
+    """
+    clauses = said.rstrip(".").split("; ")
+    told = "; ".join(clauses[:2])
+    first, more, _ = told.partition(" and on ")
+    return f"{first}, and more." if more or len(clauses) > 2 else f"{told}."
 
 
 def percent(share: float) -> str:
