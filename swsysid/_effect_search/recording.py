@@ -82,7 +82,7 @@ class Measured:
         longest = float(np.ptp(records.t[max(records.trajectories, key=len)]))
         return (
             f"{told}: such steps over a time of {more * longest:.3g}, or steps of "
-            f"{records.step / more:.2g}."
+            f"{records.step / more:.3g}."
         )
 
     @property

@@ -283,9 +283,8 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
             f"({report.held_out}).{at_rest(report)}"
         )
     yield summary(report, units)
-    if report.data is not None and report.effects:
-        yield ""
-        yield from _laws(report.data)
+    laws = _laws(report.data) if report.data is not None and report.effects else []
+    yield from ["", *laws] if laws else []
     if report.errors:
         yield ""
         yield from _errors(report, units)
@@ -326,12 +325,15 @@ def _left_over(report: EffectContents) -> Iterator[str]:
                 yield f"Left over of {name}{whether}: {briefly(said)}"
 
 
-def _laws(data: EffectData) -> Iterator[str]:
+def _laws(data: EffectData) -> list[str]:
     """The laws without the effects and with them, of one mode."""
-    for when, model in zip(("without", "with"), (data.models[0], data.final), strict=True):
-        if model.joint_fit_.n_modes == 1:
-            laws = (law.removeprefix("mode 0: ") for law in model.equations(REPORT.precision))
-            yield from (f"{f'{when}:':8} {law}" for law in laws)
+    models = ("without:", data.models[0]), ("with:", data.final)
+    return [
+        f"{when:8} {law.removeprefix('mode 0: ')}"
+        for when, model in models
+        if model.joint_fit_.n_modes == 1
+        for law in model.equations(REPORT.precision)
+    ]
 
 
 def _errors(report: EffectContents, units: Units) -> list[str]:
