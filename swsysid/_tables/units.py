@@ -61,7 +61,7 @@ def unit_of(name: str) -> str:
 
     Examples
     --------
-    >>> [unit_of(name) for name in ("v_m_per_s", "acc_m_per_s2", "force [N]", "T_box", "v_in_per_s")]
+    >>> [unit_of(name) for name in ("v_m_per_s", "a_m_per_s2", "force [N]", "T_box", "v_in_per_s")]
     ['m/s', 'm/s^2', 'N', '', '']
     >>> [unit_of(name) for name in ("h(m)", "der(h)", "der(h) [m/s]")]
     ['m', '', 'm/s']
