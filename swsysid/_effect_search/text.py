@@ -303,7 +303,8 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
     yield from _left_over(report)
     if report.effects and not report.of_rollouts:
         yield from _rollouts(report)
-    if report.free_rollouts is not None:
+    # the errors of effects in recordings are those of free rollouts already
+    if not (report.effects and report.of_rollouts) and report.free_rollouts is not None:
         yield f"Held out: {report.free_rollouts[:1].lower()}{report.free_rollouts[1:]}"
     for heading, entries in (
         (NOT_KEPT, not_kept(report)),
