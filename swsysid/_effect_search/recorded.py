@@ -97,8 +97,9 @@ class RecordedOutcome:
         wider = law.beside(slopes)
         covariance, state, column = fit.covariance(wider, every)
         columns = np.nan_to_num(wider.columns(every.seen)[every.rows])
-        for own in (np.flatnonzero(state == target) for target in range(law.n_states)):
-            covariance = beside_conventions(covariance, own, columns[:, column[own]])
+        for target in range(law.n_states):
+            free = np.flatnonzero(state == target)
+            covariance = beside_conventions(covariance, free, columns[:, column[free]])
         places = [
             np.flatnonzero((column >= own.start) & (column < own.stop)) for own in wider.columns_of
         ]
