@@ -21,6 +21,7 @@ from swsysid._effect_search.words import (
     judged_unit,
     law_of,
     probability,
+    when,
 )
 from swsysid._noise import root_mean_square
 from swsysid._rendering.printing import text_table
@@ -67,6 +68,7 @@ def _outcome(report: EffectContents, units: Units) -> str:
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(report.effects[0], report)
     weak = ", weak evidence" if report.effects[0].doubts else ""
+    name += when(report.effects[0])
     name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
     return f"{name}: {_fall(report, 'with them' if others else 'with it', units)}."
 

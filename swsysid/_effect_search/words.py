@@ -40,6 +40,12 @@ def effect_title(effect: FoundEffect | Rival, report: EffectContents) -> str:
     return title(effect.kind, effect.place, law, effect.mode)
 
 
+def when(effect: FoundEffect) -> str:
+    """From when to when it acts, "" of one that always does."""
+    instants = effect.formula.partition(" from ")[2]
+    return f", from {instants}" if effect.placed.effect.acts_once else ""
+
+
 def law_of(name: str, report: EffectContents) -> str:
     """What the equation of this name gives."""
     return rate(name, report.discrete, report.static)

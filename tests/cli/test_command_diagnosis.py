@@ -144,3 +144,24 @@ def test_a_short_record_is_told_what_would_do(tmp_path, capsys):
     assert float(told[2]) == pytest.approx(more * t[-1], rel=0.05)
     assert float(told[3]) == pytest.approx(1.0 / 24.0 / more, rel=0.05)
     assert "Nothing was searched: the record is too short" in text and "searched," not in text
+
+
+def test_the_first_line_says_when_a_lid_was_opened(tmp_path, capsys):
+    """A heated box that is logged once a minute; the lid is open from 150 to 158 min."""
+    rng, t = np.random.default_rng(4), np.arange(0.0, 240.0)
+    heater, box, rows = (t // 25.0 % 2.0 == 0.0).astype(float), 22.0, []
+    for minute in range(240):
+        rows.append(box)
+        loss = 4.0 if 150 <= minute < 158 else 1.0
+        for _ in range(60):
+            box += 0.02 * heater[minute] - loss / 900.0 * (box - 22.0)
+    measured = (np.array(rows) + 0.05 * rng.standard_normal(240)).round(1)
+    columns = {"t_min": t, "T_box_degC": measured, "heater": heater}
+    path = write_csv(tmp_path / "lid.csv", columns)
+    roles = ["--states", "T_box_degC", "--inputs", "heater", "--time", "t_min"]
+    effects = ["--effects", "time_interval", "bias", "delay", "lag"]
+    text, first = text_of([path, *roles, "--diagnose", *effects], tmp_path, capsys)
+    place = r"(level|T_box_degC) in T_box_degC'"
+    told = re.match(rf"Time interval of {place}, from t = (\S+) to (\S+), p = ", first)
+    assert [float(told[2]), float(told[3])] == pytest.approx([150.0, 158.0], abs=2.5)
+    assert "for some time: a lid that was opened" in text
