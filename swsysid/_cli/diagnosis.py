@@ -126,7 +126,9 @@ def searched(
     recorded, n_states = samples.recorded, len(samples.rate_names)
     names, signal_names = samples.names, samples.signal_names
     signals, t, groups = samples.signals, samples.t, samples.groups
-    if recorded is None:
+    # of several laws what a filter made of positions is no recording: they would be smoothed twice
+    smoothed = options.measurement.order == 2 and declared.n_modes != 1
+    if recorded is None or smoothed:
         logged, several = frame(signals, signal_names), _several(groups, options)
         given = samples.Xdot
         if options.measurement.quantity:

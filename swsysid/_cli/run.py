@@ -53,7 +53,8 @@ def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) 
         is_left_open = arguments.modes is None and not options.has_measured_rates
         if is_left_open or options.modes == 1:
             found = diagnosed(table, options, effects, is_left_open, watched)
-            return save_diagnosis(found, arguments.output, page, checksum)
+            what = found.search, found.several, found.samples, found.text
+            return save_diagnosis(*what, arguments.output, page, checksum)
     with own_warnings() as notes:
         with stage("Smoothing, and identifying modes", watched):
             result = run_job(table, options)

@@ -26,8 +26,6 @@ from swsysid.diagnosis import EffectSearchCV
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from swsysid._cli.diagnosis import Diagnosis
-
 
 _NO_PICTURE = ' (no picture: install matplotlib, pip install "swsysid[plot]").'
 _MISSING = re.compile("Glyph .* missing from")  # a warning of matplotlib's
@@ -56,18 +54,25 @@ def save(
     return _save(result.model, recording, text, folder, page, write)
 
 
-def save_diagnosis(found: Diagnosis, folder: Path, page: Path, checksum: str) -> int:
-    """Write and print what a law lacks; the exit code is 2 if it cannot be written."""
-    samples, several = found.samples, found.several
+def save_diagnosis(
+    search: EffectSearchCV,
+    several: HybridAutomatonRegressor | None,
+    samples: Samples,
+    text: str,
+    folder: Path,
+    page: Path,
+    checksum: str,
+) -> int:
+    """Write and print what a law lacks, or several; the exit code is 2 if it cannot be written."""
     recording = _recording(samples, checksum)
 
     def write(draft: Path, beside: Path | None) -> str:
         assert beside is not None
         written = "" if several is None else _write_automaton(several, draft)
-        return written + _write_search(found.search, samples, recording, draft, beside)
+        return written + _write_search(search, samples, recording, draft, beside)
 
-    declared = found.search.declared_estimator_.estimator_
-    return _save(several or declared, recording, found.text, folder, page, write)
+    declared = search.declared_estimator_.estimator_
+    return _save(several or declared, recording, text, folder, page, write)
 
 
 def _write_search(

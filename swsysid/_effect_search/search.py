@@ -232,12 +232,9 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 final = self._concluded(*searched)
         else:
             enough = measured.enough(parts, rolled_out)
-            warnings.warn(
-                f"{len(measured.records)} samples are too few to hold any out: the declared model "
-                f"is returned unchanged. {enough}",
-                IdentificationWarning,
-                stacklevel=3,
-            )
+            told = "samples are too few to hold any out: the declared model is returned unchanged."
+            told = f"{len(measured.records)} {told} {enough}"
+            warnings.warn(told, IdentificationWarning, stacklevel=3)
             self.effects_, self.report_ = [], EffectReport.nothing_done(measured, enough)
         warn_of_doubts(final, 3)
         return self
