@@ -393,5 +393,5 @@ def _rollouts(report: EffectContents) -> Iterator[str]:
             f"RMS error {errors}."
         )
         yield from (f"  The rollout of the {model} ended: {why}" for model, why in ends(rollout))
-    if report.data.why_no_rollouts and not report.static:
+    if report.data.why_no_rollouts:
         yield f"No rollouts: {report.data.why_no_rollouts}."
