@@ -21,8 +21,8 @@ from benchmarks import pages
 from benchmarks.measured.tables import by_default, effects, free_runs
 from benchmarks.results import add_docs_options, keep, measured_here, place
 
-# `effects` searches the whole library in rows of every set, `by_default` in recordings as they are;
-# the others are sets.
+# `effects` searches the whole library in rows of every set, `by_default` in recordings as they are,
+# `by_command` in the same from the command line; the others are sets.
 PARTS = (
     "emps",
     "rc_vehicle",
@@ -33,6 +33,7 @@ PARTS = (
     "incubator",
     "effects",
     "by_default",
+    "by_command",
 )
 
 
@@ -49,8 +50,9 @@ def main() -> None:
             "rows": rows,
         }
         keep("measured", {name: part}, folder)
-        shown = {"effects": effects, "by_default": by_default}.get(name, free_runs)
-        print(shown({name: part}), flush=True)
+        of_calls = name in ("by_default", "by_command")
+        shown = by_default if of_calls else effects if name == "effects" else free_runs
+        print(shown({"by_default" if of_calls else name: part}), flush=True)
     if options.docs:
         pages.write("measured", options.docs, options.results)
 

@@ -43,15 +43,15 @@ def searched(name: str) -> ByDefault:
     search = EffectSearchCV(estimator).fit(X, **options)
     seconds = process_time() - started
     errors = [model["held_out"][0] for model in search.report_["errors"]]
-    kinds = [effect.kind for effect in search.effects_]
     found = ", ".join(f"{effect.kind} of {effect.place}" for effect in search.effects_)
-    verdict = _verdict([kind in right for kind in kinds])
+    verdict = verdict_of([effect.kind for effect in search.effects_], right)
     error = float(errors[0]), float(errors[-1])
     return ByDefault(name, lacks, "search", found or "nothing", verdict, *error, hand, seconds)
 
 
-def _verdict(lacking: list[bool]) -> str:
+def verdict_of(kinds: list[str], right: tuple[str, ...]) -> str:
     """By which of the effects that were found are lacking indeed."""
+    lacking = [kind in right for kind in kinds]
     if not lacking:
         return "nothing"
     if not lacking[0]:

@@ -7,6 +7,8 @@ from benchmarks.markdown import table
 from benchmarks.measured.rows import LEFT_OUT
 from benchmarks.results import origins
 
+_OF_CALLS = ("effects", "by_default", "by_command")  # and not of free runs
+
 __all__ = ["by_default", "effects", "free_runs"]
 
 
@@ -17,7 +19,7 @@ def free_runs(parts: dict[str, dict]) -> str:
     """
     head = ["data set", "change", "before", "after"]
     head += [f"published, {name}" for name in ("linear", "one can read", "best")]
-    runs = {name: part for name, part in parts.items() if name not in ("effects", "by_default")}
+    runs = {name: part for name, part in parts.items() if name not in _OF_CALLS}
     every = [row for part in runs.values() for row in part["rows"]]
     lines = table([*head, "against these two"], [_free_run(row) for row in every], "l")
     scored = [f"without {n}" if n else "all samples" for n in LEFT_OUT]

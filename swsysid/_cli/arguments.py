@@ -8,7 +8,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from swsysid import __version__
@@ -139,6 +139,12 @@ def _add_recording(add: Callable) -> None:
         metavar="NAME",
         help="columns of measured derivatives, one for each state; else they are computed",
     )
+    add(
+        "--quantity",
+        metavar="NAME",
+        help="column that the law gives, where it is no rate: a force, a torque, a current; what "
+        "it depends on are --states and --inputs",
+    )
     add("--groups", metavar="NAME", help="column that names the trajectory of each row")
     add(
         "--order",
@@ -179,7 +185,11 @@ def _add_recording(add: Callable) -> None:
 
 def _add_model(add: Callable) -> None:
     """The law that is looked for, how, and where the answer goes."""
-    add("--modes", help='number of modes, or "auto" (default: 2; auto with --automaton)')
+    add(
+        "--modes",
+        help='number of modes, or "auto" (default: 2; auto with --automaton; with --diagnose one '
+        "law, and 2 where one predicts nothing, or where derivatives are measured)",
+    )
     add(
         "--automaton",
         action="store_true",
@@ -255,7 +265,20 @@ def _add_diagnosis(add: Callable) -> None:
 
 def measurement(arguments: argparse.Namespace) -> Measurement:
     """Which columns are what."""
-    return Measurement(**{each.name: vars(arguments)[each.name] for each in fields(Measurement)})
+    what = Measurement(**{each.name: vars(arguments)[each.name] for each in fields(Measurement)})
+    if what.quantity is None:
+        return what
+    if what.derivatives or what.order == 2 or arguments.automaton:
+        raise TableError(
+            "--quantity names what a law gives that is no rate; leave out --derivatives, --order 2 "
+            "and --automaton."
+        )
+    if arguments.diagnose and not what.timed:
+        raise TableError(
+            "--quantity with --diagnose needs the times of the rows; name their column (--time t), "
+            "or give the seconds between two rows (--time-step 0.01)."
+        )
+    return replace(what, derivatives=(what.quantity,))
 
 
 def units(words: Sequence[str]) -> dict[str, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -26,17 +28,33 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
             "--automaton takes recorded states alone; leave out --derivatives and --order 2, and "
             "give speeds among the --states."
         )
-    samples = measure(table, options.measurement)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
+    with own_warnings() as notes:
+        samples = measure(table, options.measurement)
+    found, told = automaton_of(samples, options)
+    beside = [f"note: {note}" for note in notes if note not in told]
+    return save_automaton(
+        found, samples, "\n\n".join([_recorded(samples), told, *beside]), folder, checksum
+    )
+
+
+def automaton_of(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonRegressor, str]:
+    """An automaton of recordings, and what is said of it."""
+    with own_warnings() as notes:
         found, held_out = _identified(samples, options)
-    # those of the arithmetic below are none of the user's
-    own = [one for one in caught if issubclass(one.category, UserWarning)]
-    notes = dict.fromkeys(str(warning.message) for warning in own)
     # the advice of the report says what guards do not tell
     told = [f"note: {note}" for note in notes if note not in found.report_.advice]
-    text = "\n\n".join([_recorded(samples), str(found.report_), held_out, *told])
-    return save_automaton(found, samples, text, folder, checksum)
+    return found, "\n\n".join([str(found.report_), held_out, *told])
+
+
+@contextmanager
+def own_warnings() -> Iterator[list[str]]:
+    """What our own warnings say; those of the arithmetic below are none of the user's."""
+    told: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", UserWarning)
+        yield told
+    own = [str(one.message) for one in caught if issubclass(one.category, UserWarning)]
+    told += dict.fromkeys(own)
 
 
 def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonRegressor, str]:

@@ -83,6 +83,7 @@ def _from_derivatives(
     samples: Samples, terms: Terms, split: Split, options: JobOptions
 ) -> JobResult:
     """What derivatives alone say."""
+    what = options.measurement
     model, notes = _fit_with_notes(_regressor(terms, samples, options, options.modes), samples)
     comparison = _compare(model, terms, samples, split, options)
     given_up = None
@@ -103,7 +104,7 @@ def _from_derivatives(
         given_up=given_up,
         position_gain=None,
         notes=notes,
-        free=free_of_samples(model, samples, model.modes_),
+        free=None if what.quantity else free_of_samples(model, samples, model.modes_),
     )
 
 

@@ -21,6 +21,7 @@ class Measurement:
     time: str | None = None
     # One for each state; with order 2 the velocities, then the accelerations; empty: not measured.
     derivatives: tuple[str, ...] = ()
+    quantity: str | None = None  # that the law gives where it is no rate; the one of `derivatives`
     groups: str | None = None  # the trajectory of each row
     order: int = 1  # 2: the second derivatives of the states obey the law
     method: str = "savitzky_golay"
@@ -46,12 +47,12 @@ class Measurement:
 
 def check_roles(table: Table, what: Measurement) -> None:
     """Refuse roles that are missing, doubled, or played by a column that does not exist."""
-    if not what.states:
+    if not what.states and not (what.quantity and what.inputs):
         raise TableError(f"Name the states with --states; the columns are: {table.listing()}.")
     times = [what.time] if what.time else []
     for name in [*what.channels, *times, *([what.groups] if what.groups else [])]:
         table.resolve(name)
-    expected = len(what.states) * what.order
+    expected = 1 if what.quantity else len(what.states) * what.order
     if what.derivatives and len(what.derivatives) != expected:
         kind = "velocities, then accelerations" if what.order == 2 else "one for each state"
         raise TableError(

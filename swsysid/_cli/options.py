@@ -28,6 +28,11 @@ class JobOptions:
     verbose: bool = False
 
     @property
+    def has_measured_rates(self) -> bool:
+        """Whether rates were measured, so that rows are searched and nothing is rolled out."""
+        return bool(self.measurement.derivatives) and self.measurement.quantity is None
+
+    @property
     def missing(self) -> str:
         """What laws lack that leave more than noise, and what looks for it."""
         told = "a term, a mode or an effect is missing (--diagnose looks for it)"

@@ -33,6 +33,7 @@ class Recorded:
 
     states: Array  # as they are in the file; with order 2 positions
     inputs: Array
+    signals: Array
     t: Array
     groups: NDArray
 
@@ -42,14 +43,9 @@ class Recorded:
         codes = np.unique(labels, return_inverse=True)[1]
         kept = places_along(codes) % what.decimate == 0
         kept &= np.bincount(codes, weights=kept)[codes] >= FEWEST_SAMPLES
-        n_states, n_inputs = len(what.states), len(what.inputs)
-        rows = numbers[kept]
-        return cls(
-            rows[:, :n_states],
-            rows[:, n_states : n_states + n_inputs],
-            rows[:, -1],
-            labels[kept],
-        )
+        ends = np.cumsum([len(what.states), len(what.inputs), len(what.signals)])
+        states, inputs, signals, times = np.split(numbers[kept], ends, axis=1)
+        return cls(states, inputs, signals, times[:, -1], labels[kept])
 
     def with_steps(self, steps: Steps, labels: NDArray) -> Recorded:
         """With the limits of inputs where they step; `labels` are the trajectories of the steps.
@@ -72,6 +68,7 @@ class Recorded:
         return Recorded(
             np.insert(self.states, places, np.nan, axis=0),
             np.insert(self.inputs, places, inputs, axis=0),
+            np.insert(self.signals, places, np.nan, axis=0),
             np.insert(self.t, places, t),
             np.insert(self.groups, places, np.array(names, dtype=self.groups.dtype)),
         )
@@ -101,14 +98,11 @@ class Recorded:
         return int(self.holds_a_state.sum())
 
     def of_samples(self) -> Recorded:
-        """Without the limits of inputs."""
-        kept = self.holds_a_state
-        return Recorded(self.states[kept], self.inputs[kept], self.t[kept], self.groups[kept])
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether no state and no input is missing anywhere."""
-        return bool(np.isfinite(self.states).all() and np.isfinite(self.inputs).all())
+        """Rows that hold a state, all inputs and all signals; no limits of inputs."""
+        known = np.isfinite(np.hstack([self.inputs, self.signals])).all(axis=1)
+        kept = self.holds_a_state & known
+        columns = self.states, self.inputs, self.signals, self.t, self.groups
+        return Recorded(*(column[kept] for column in columns))
 
     def named(self, names: Sequence[str], rows) -> tuple:
         """States, times, trajectories and inputs of some rows, as an identifier takes them."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import hashlib
 import html
 import os
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -16,17 +14,18 @@ from pathlib import Path
 from sklearn.base import clone
 
 from swsysid._cli.arguments import LIBRARIES, is_watched, modes
-from swsysid._cli.automaton import run_automaton
+from swsysid._cli.automaton import own_warnings, run_automaton
+from swsysid._cli.diagnosis import chosen_effects, diagnosed, searched
 from swsysid._cli.job import JobOptions, JobResult, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.output import prepare
-from swsysid._cli.saving import page_title, save
-from swsysid._cli.text import render, with_effects
+from swsysid._cli.saving import page_title, save, save_diagnosis
+from swsysid._cli.text import render, units_of_displays, with_effects
 from swsysid._rendering.progress import stage
 from swsysid._results import SolverError
 from swsysid._tables.table import Table, TableError
 from swsysid.diagnosis import EffectSearchCV
-from swsysid.effects import Effect, all_effects, special_effects
+from swsysid.effects import Effect
 
 PAGE = "swsysid_diagnosis.html"
 
@@ -44,26 +43,29 @@ def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) 
     checksum = _checksum(arguments.file)
     prepare(arguments.output, table.source, checksum)
     watched = is_watched(arguments.verbose)
+    options = _options(arguments, measurement)
     if arguments.automaton:
-        options = _options(arguments, measurement)
         with stage("Identifying an automaton", watched):
             return run_automaton(table, options, arguments.output, checksum)
     search, page, effects = None, None, []
     if arguments.diagnose:
-        effects, page = _chosen_effects(arguments.effects), _page_path(arguments.html, table.source)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
+        effects, page = chosen_effects(arguments.effects), _page_path(arguments.html, table.source)
+        is_left_open = arguments.modes is None and not options.has_measured_rates
+        if is_left_open or options.modes == 1:
+            found = diagnosed(table, options, effects, is_left_open, watched)
+            what = found.search, found.several, found.samples, found.text
+            return save_diagnosis(*what, arguments.output, page, checksum)
+    with own_warnings() as notes:
         with stage("Smoothing, and identifying modes", watched):
-            result = run_job(table, _options(arguments, measurement))
+            result = run_job(table, options)
         if page is not None:
             with stage("Searching for what the model lacks", watched):
-                search = _diagnose(result, effects, verbose=watched)
-    text = render(result)
-    notes = dict.fromkeys([*(str(warning.message) for warning in caught), *result.notes])
-    told = [f"note: {note}" for note in notes]
+                search = _diagnose(result, effects)
+    told = [f"note: {note}" for note in dict.fromkeys([*notes, *result.notes])]
     if search is not None:
-        told += [str(search.report_), with_effects(search.best_estimator_)]
-    text = "\n\n".join(part for part in [text, *told] if part)
+        report = search.report_.to_text(units=units_of_displays(result.samples))
+        told += [report, with_effects(search.best_estimator_)]
+    text = "\n\n".join(part for part in [render(result), *told] if part)
     return save(result, text, arguments.output, search, page, checksum)
 
 
@@ -79,51 +81,13 @@ def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOpti
     return JobOptions(measurement, waves=waves, n_jobs=arguments.jobs, **options)
 
 
-def _diagnose(
-    result: JobResult, effects: Sequence[Effect], verbose: bool = False
-) -> EffectSearchCV:
+def _diagnose(result: JobResult, effects: Sequence[Effect]) -> EffectSearchCV:
     """Search for what the identified model lacks.
 
     The search looks for modes itself: what it holds out must have no part in their number.
     """
-    import pandas as pd
-
-    samples, named = result.samples, result.options.measurement
     declared = clone(result.declared).set_params(init="auto", n_modes=result.options.modes)
-    search = EffectSearchCV(
-        declared,
-        effects=list(effects),
-        n_jobs=result.options.n_jobs,
-        random_state=result.options.random_state,
-        verbose=int(verbose),
-    )
-    recorded = None if samples.recorded is None else samples.recorded.of_samples()
-    if recorded is not None and recorded.is_complete and named.order == 1 and not named.signals:
-        # as they were measured: what a filter has smeared looks like other effects
-        x, t, groups, inputs = recorded.named(samples.names, slice(None))
-        return search.fit(x, t=t, groups=groups if named.groups else None, inputs=inputs)
-    signals = pd.DataFrame(samples.signals, columns=list(samples.signal_names))
-    return search.fit(
-        samples.frame,
-        samples.Xdot,
-        t=samples.t,
-        groups=samples.groups if named.groups else None,
-        signals=signals if named.signals else None,
-    )
-
-
-def _chosen_effects(kinds: Sequence[str]) -> list[Effect]:
-    """Effects of the library by their kinds, in its order; all but the special if none is named."""
-    library = {effect.kind: effect for effect in [*all_effects(), *special_effects()]}
-    for kind in kinds:
-        if kind not in library:
-            close = difflib.get_close_matches(kind, library, n=1)
-            hint = f" Did you mean {close[0]!r}?" if close else ""
-            raise TableError(
-                f"--effects {kind!r} is no kind of effect.{hint} The kinds are: "
-                f"{', '.join(library)}."
-            )
-    return [library[kind] for kind in library if kind in kinds] if kinds else all_effects()
+    return searched(result.samples, declared, effects, result.options)
 
 
 def _checksum(file: str | None) -> str:

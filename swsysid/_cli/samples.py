@@ -283,14 +283,16 @@ def _described(table: Table, what: Measurement) -> dict:
         for name in (*what.states, *what.inputs, *what.signals)
     }
     levels = [tuple(table.title(name) for name in what.states)]
-    for _ in range(what.order):
+    for _ in range(0 if what.quantity else what.order):
         units |= {f"{name}'": rate_unit(units[name], time_unit) for name in levels[-1]}
         levels.append(tuple(f"{name}'" for name in levels[-1]))
     rate_names = sum(levels[1:], start=())
+    if what.quantity:
+        rate_names = (table.title(what.quantity),)
     for rate, name in zip(rate_names, what.derivatives, strict=bool(what.derivatives)):
-        units[rate] = table.unit(table.resolve(name)) or units[rate]
+        units[rate] = table.unit(table.resolve(name)) or units.get(rate, "")
     return {
-        "names": (*sum(levels[:-1], start=()), *map(table.title, what.inputs)),
+        "names": (*sum(levels[: what.order], start=()), *map(table.title, what.inputs)),
         "rate_names": rate_names,
         "signal_names": tuple(map(table.title, what.signals)),
         "units": {name: unit for name, unit in units.items() if unit},

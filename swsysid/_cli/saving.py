@@ -18,6 +18,7 @@ from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._cli.job import JobResult
 from swsysid._cli.output import AUTOMATON, EFFECTS, GRAPH, MODEL, PORTRAIT, TEXT, results
 from swsysid._cli.samples import Samples
+from swsysid._cli.text import units_of_displays
 from swsysid._saving.files import Recording, save_model
 from swsysid._whole_or_nothing import written_beside
 from swsysid.diagnosis import EffectSearchCV
@@ -47,15 +48,43 @@ def save(
     def write(draft: Path, beside: Path | None) -> str:
         drawn = _draw(result, draft / PORTRAIT)
         if search is not None and beside is not None:
-            save_model(search.best_estimator_, draft / EFFECTS, recording=recording)
-            drawn += f", {EFFECTS}"
-            title = page_title(samples.source)
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", _MISSING.pattern)
-                search.report_.to_html(beside, units=_units_of_displays(samples), title=title)
+            drawn += _write_search(search, samples, recording, draft, beside)
         return drawn
 
     return _save(result.model, recording, text, folder, page, write)
+
+
+def save_diagnosis(
+    search: EffectSearchCV,
+    several: HybridAutomatonRegressor | None,
+    samples: Samples,
+    text: str,
+    folder: Path,
+    page: Path,
+    checksum: str,
+) -> int:
+    """Write and print what a law lacks, or several; the exit code is 2 if it cannot be written."""
+    recording = _recording(samples, checksum)
+
+    def write(draft: Path, beside: Path | None) -> str:
+        assert beside is not None
+        written = "" if several is None else _write_automaton(several, draft)
+        return written + _write_search(search, samples, recording, draft, beside)
+
+    declared = search.declared_estimator_.estimator_
+    return _save(several or declared, recording, text, folder, page, write)
+
+
+def _write_search(
+    search: EffectSearchCV, samples: Samples, recording: Recording, draft: Path, page: Path
+) -> str:
+    """The model with effects and the page; says what there is."""
+    save_model(search.best_estimator_, draft / EFFECTS, recording=recording)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", _MISSING.pattern)
+        units, title = units_of_displays(samples), page_title(samples.source)
+        search.report_.to_html(page, units=units, title=title)
+    return f", {EFFECTS}"
 
 
 def save_automaton(
@@ -64,11 +93,16 @@ def save_automaton(
     """Write and print what was found; the exit code is 2 if it cannot be written."""
 
     def write(draft: Path, _: Path | None) -> str:
-        told = json.dumps(found.to_dict(), indent=1)
-        (draft / AUTOMATON).write_text(told + "\n", encoding="utf-8")
-        return f", {AUTOMATON}{_drawn(found, draft / GRAPH)}"
+        return _write_automaton(found, draft)
 
     return _save(found, _recording(samples, checksum), text, folder, None, write)
+
+
+def _write_automaton(found: HybridAutomatonRegressor, draft: Path) -> str:
+    """The automaton and its graph; says what there is."""
+    told = json.dumps(found.to_dict(), indent=1)
+    (draft / AUTOMATON).write_text(told + "\n", encoding="utf-8")
+    return f", {AUTOMATON}{_drawn(found, draft / GRAPH)}"
 
 
 def _picture(figure: Figure, path: Path) -> str:
@@ -138,14 +172,6 @@ def _smoothing_of(samples: Samples) -> dict[str, str | int | float | list[float]
         "noise": [float(size) for size in used.noise],
         "every": samples.decimate,
     }
-
-
-def _units_of_displays(samples: Samples) -> dict[str, str]:
-    """Units by the names that displays use for rates and times."""
-    rates = zip(samples.names, samples.rate_names, strict=False)
-    named = {f"d/dt {name}": samples.unit(rate) for name, rate in rates}
-    named["time"] = samples.time_unit
-    return {**samples.units, **{name: unit for name, unit in named.items() if unit}}
 
 
 def _draw(result: JobResult, path: Path) -> str:

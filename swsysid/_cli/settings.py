@@ -78,8 +78,13 @@ class Judging:
     # Share of the error by which a richer model must be better to be worth having.
     worth: float = 0.05
     certain: float = 2.0  # standard errors from which on a gain is called certain: two-sided 5 %
-    # Share of a smooth law's error: modes that leave less are no imitation of a curve.
+    # Share of a smooth law's error: modes that leave less are no imitation of a curve; and of the
+    # spread: one law whose free rollouts leave more predicts nothing.
     half: float = 0.5
+    # Share of the error of one law's free rollouts that laws leave which are told their modes: a
+    # heat pump, a cycler, a car and cells leave a sixth at most, a tank behind one that nobody
+    # measured, which is no switch, half.
+    told: float = 1.0 / 3.0
     # Held-out rows, and changes of the mode, that allow a verdict.
     fewest_rows: int = 50
     fewest_switches: int = 5

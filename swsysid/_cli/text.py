@@ -250,3 +250,11 @@ def _judged_names(result: JobResult) -> list[str]:
 
 def _rms(errors):
     return np.sqrt(np.nanmean(errors**2, axis=0))
+
+
+def units_of_displays(samples: Samples) -> dict[str, str]:
+    """Units by the names that displays use for rates and times."""
+    rates = zip(samples.names, samples.rate_names, strict=False)
+    named = {f"d/dt {name}": samples.unit(rate) for name, rate in rates}
+    named["time"] = samples.time_unit
+    return {**samples.units, **{name: unit for name, unit in named.items() if unit}}

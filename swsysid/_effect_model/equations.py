@@ -38,7 +38,8 @@ def laws_with_effects(fit: JointFit, names: Sequence[str], precision: int, style
             if term.target == state:
                 own = term.in_mode(coef, mode, fit.n_modes)
                 written = term.effect.written(term.label(names), term.theta, own)
-                yield from ((value, name, 1.0) for value, name in written)
+                # whatever its size: it would not have been found if it were negligible
+                yield from ((value, name, np.inf) for value, name in written)
 
     own = fit.laws
     laws = law_equations(

@@ -142,6 +142,25 @@ def _covariance(
     return np.asarray(share * influence.T @ influence * np.outer(longer, longer))
 
 
+def beside_conventions(covariance: Array, places: NDArray[np.intp], columns: Array) -> Array:
+    """A covariance without what no row tells of some of its coefficients, which have `columns`.
+
+    Friction of two sizes is the same function as one of their mean beside a constant: how much of
+    it a constant of the law has is a convention. What is told is the covariance where such shares
+    are held; of all else that is the covariance itself.
+    """
+    sizes = np.linalg.norm(columns, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    _, values, directions = np.linalg.svd(np.linalg.qr(columns / sizes, mode="r"))
+    least = np.sqrt(SETTINGS.spanned) * values.max(initial=0.0)
+    directions = directions[np.sum(values > least) :] / sizes
+    along = np.zeros((len(directions), len(covariance)))
+    along[:, places] = directions
+    shared = covariance @ along.T
+    inverse = np.linalg.pinv(along @ shared, hermitian=True)
+    return np.asarray(covariance - shared @ inverse @ shared.T)
+
+
 def _physical_intervals(
     fit: JointFit, place: int, records: Records, covariance: Array, quantile: float
 ) -> dict[str, tuple[float, float]]:

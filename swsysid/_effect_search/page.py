@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.util import find_spec
 
@@ -14,7 +14,7 @@ from swsysid._effect_search import text, words
 from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.display import Panels
 from swsysid._effect_search.settings import REPORT
-from swsysid._effect_search.words import aside
+from swsysid._effect_search.words import Units, aside
 from swsysid._rendering.parts import (
     code,
     figure,
@@ -28,8 +28,6 @@ from swsysid._rendering.parts import (
 from swsysid._rendering.series import canvas
 from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid.effects import FoundEffect, UnknownFunction
-
-Units = Mapping[str, str] | None
 
 
 def effect_page(
@@ -58,7 +56,7 @@ def effect_page(
         "took no part in any choice, and all errors below are theirs unless said otherwise."
         f"{text.at_rest(report)}"
     )
-    parts = [paragraph(text.summary(report), "verdict"), paragraph(rows, "note")]
+    parts = [paragraph(text.summary(report, units), "verdict"), paragraph(rows, "note")]
     if report.data is not None:
         view = _View(report, report.data, units, find_spec("matplotlib") is not None)
         if not view.drawing:

@@ -18,7 +18,7 @@ from swsysid._data.features import linear_features
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.contributions import parameter_intervals, small_step
+from swsysid._effect_search.contributions import beside_conventions, parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
@@ -94,7 +94,15 @@ class RecordedOutcome:
             for number, step in enumerate(_steps(term, every.seen))
             if term.effect.terms
         ]
-        covariance, places = fit.covariance(law.beside(slopes), every)
+        wider = law.beside(slopes)
+        covariance, state, column = fit.covariance(wider, every)
+        columns = np.nan_to_num(wider.columns(every.seen)[every.rows])
+        for target in range(law.n_states):
+            free = np.flatnonzero(state == target)
+            covariance = beside_conventions(covariance, free, columns[:, column[free]])
+        places = [
+            np.flatnonzero((column >= own.start) & (column < own.stop)) for own in wider.columns_of
+        ]
         left = np.nan_to_num(fit.misfits / fit.noise)
         longer = max(memory(column, list(every.series)) for column in left.T)
         answers, slope = [], len(law.terms)
@@ -249,7 +257,8 @@ def _sound(outcome: RecordedOutcome, done: Searched) -> RecordedOutcome:
         outcome = _confirmed(outcome)
         tried += outcome.tried
         kept = [one.candidate for one in outcome.findings]
-        n_sound = next((k for k, one in enumerate(listed) if one not in kept), len(listed))
+        both = zip(listed, kept, strict=False)  # one may have been found twice
+        n_sound = next((k for k, (one, other) in enumerate(both) if one is not other), len(kept))
         is_done = n_sound == len(kept) and (n_sound or not listed)
         if is_done or len(done.search.refuted) == outcome.search.most:
             return replace(outcome, tried=tuple(tried))

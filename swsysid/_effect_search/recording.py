@@ -44,6 +44,7 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._stays.settings import SETTINGS as STAYS
+from swsysid._stays.start import named
 from swsysid.differentiation import differentiate
 from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
 from swsysid.differentiation._smoothing import local_polynomial
@@ -62,14 +63,27 @@ class Measured:
     recorded: Records | None = None  # the states as they were measured, if velocities were not
     noise: StateNoise | None = None  # of these
 
-    def is_enough(self, parts: Split) -> bool:
-        """Whether there are rows enough to hold some of them out."""
-        return len(parts.of(self.rows).search) >= self._fewest
+    def is_enough(self, parts: Split, rolled_out: bool = False) -> bool:
+        """Whether there are rows enough to hold some of them out.
 
-    def enough(self, parts: Split) -> int:
-        """Samples of such a record, longer or faster, that would be enough."""
-        n_searched = max(len(parts.of(self.rows).search), 1)
-        return int(np.ceil(len(self.records) * self._fewest / n_searched))
+        Where a law is rolled out every sample counts, and else those with velocities of their own.
+        """
+        rows = parts if rolled_out else parts.of(self.rows)
+        return len(rows.search) >= self._fewest
+
+    def enough(self, parts: Split, rolled_out: bool = False) -> str:
+        """How many samples of such a record, longer or faster, would be enough, in a sentence."""
+        rows, records = parts if rolled_out else parts.of(self.rows), self.records
+        more = self._fewest / max(len(rows.search), 1)
+        told = f"Record {int(np.ceil(len(records) * more))}, for longer or faster"
+        if not records.timed:
+            return f"{told}."
+        assert records.t is not None
+        longest = float(np.ptp(records.t[max(records.trajectories, key=len)]))
+        return (
+            f"{told}: such steps over a time of {more * longest:.3g}, or steps of "
+            f"{records.step / more:.3g}."
+        )
 
     @property
     def _fewest(self) -> int:
@@ -173,7 +187,7 @@ def _differentiated(records: Records, stretches: list[Rows]) -> tuple[Records, A
     for number, stretch in enumerate(stretches):
         labels[stretch] = number
     derived = differentiate(
-        X[:, :n_states],
+        named(X[:, :n_states], list(records.names[:n_states])),
         records.t,
         labels,
         inputs=X[:, n_states:] if records.n_inputs else None,

@@ -125,11 +125,9 @@ class EffectReport(EffectContents):
     )
 
     @classmethod
-    def nothing_done(cls, measured: Measured, parts: Split) -> EffectReport:
-        """The report of a record too short to hold anything out."""
-        records, enough = measured.records, measured.enough(parts)
-        told = f"nothing: {enough} samples would be enough, for longer or faster"
-        return cls(records.equations, told, len(records), 0)
+    def nothing_done(cls, measured: Measured, enough: str) -> EffectReport:
+        """The report of a record too short to hold anything out, and what would be `enough`."""
+        return cls(measured.records.equations, f"nothing: {enough}", len(measured.records), 0)
 
     @classmethod
     def of(
@@ -217,6 +215,20 @@ class EffectReport(EffectContents):
             self, equation=equation, effect=effect, units=units, ax=ax
         )
 
+    def to_text(self, *, units=None) -> str:
+        """What `print` shows, errors with their units.
+
+        Parameters
+        ----------
+        units : mapping from names to units, default=None
+            As in `swsysid.plotting.EffectReportDisplay`.
+
+        Returns
+        -------
+        str
+        """
+        return "\n".join(report_lines(self, units))
+
     def to_html(self, path=None, *, units=None, title: str = "Effect search") -> str:
         """A self-contained page; written to `path` too, if one is given.
 
@@ -240,7 +252,7 @@ class EffectReport(EffectContents):
         return self.to_html()
 
     def __str__(self) -> str:
-        return "\n".join(report_lines(self))
+        return self.to_text()
 
 
 def in_words(term: PlacedEffect, records: Records) -> str:

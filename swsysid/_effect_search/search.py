@@ -217,11 +217,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         parts = split_records(measured.records, rng, measured.window)
         final = measured.fitted(self._declared)
         self.best_estimator_ = self.declared_estimator_ = self._handed_over(final, measured)
-        if measured.is_enough(parts):
+        of_one = is_of_one_law(self._declared, measured)
+        rolled_out = of_one and measured.recorded is not None
+        if measured.is_enough(parts, rolled_out):
             rows = parts.of(measured.rows).search
-            plain = measured.fitted(self._declared, rows)
-            of_one = is_of_one_law(self._declared, measured)
-            rolled_out = of_one and measured.recorded is not None  # `plain` is not what counts
+            plain = measured.fitted(self._declared, rows)  # where rolled out it is not what counts
             self._alarms = [] if rolled_out else alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
                 warnings.warn(alarm, IdentificationWarning, stacklevel=3)
@@ -231,13 +231,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
                 searched = self._between_switches(measured, parts, (plain, final), rng)
                 final = self._concluded(*searched)
         else:
-            warnings.warn(
-                f"{len(measured.rows)} samples are too few to hold any out: the declared model is "
-                f"returned unchanged. Record {measured.enough(parts)}, for longer or faster.",
-                IdentificationWarning,
-                stacklevel=3,
-            )
-            self.effects_, self.report_ = [], EffectReport.nothing_done(measured, parts)
+            enough = measured.enough(parts, rolled_out)
+            told = "samples are too few to hold any out: the declared model is returned unchanged."
+            told = f"{len(measured.records)} {told} {enough}"
+            warnings.warn(told, IdentificationWarning, stacklevel=3)
+            self.effects_, self.report_ = [], EffectReport.nothing_done(measured, enough)
         warn_of_doubts(final, 3)
         return self
 

@@ -119,6 +119,7 @@ class ReportSettings:
     worth_telling: float = 0.01  # share by which an error is lowered
     hidden: float = 0.5  # share of a fall: where gross rows leave less of it, both are told
     smallest_p_value: float = 1e-16  # smaller ones are rounding
+    noise_alone: float = 1.3  # times the noise floor, which is known to a tenth or two: no more
     smallest_error: float = 1e-12  # of the declared model's: sums of some terms have no more digits
 
     # -- lists --------------------------------------------------------------------------------

@@ -6,17 +6,22 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from swsysid._effect_search.contents import EffectContents
+from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.words import (
+    Units,
     aside,
+    briefly,
     effect_title,
     error,
+    explained,
     first_of,
     interval,
+    judged_unit,
     law_of,
     probability,
+    when,
 )
 from swsysid._noise import root_mean_square
 from swsysid._rendering.printing import text_table
@@ -36,15 +41,16 @@ _LEAST = float(np.finfo(float).tiny)
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 
-def summary(report: EffectContents) -> str:
+def summary(report: EffectContents, units: Units = None) -> str:
     """What came out, in a sentence; what is wrong, before it."""
-    sentences = [*report.alarms, _outcome(report), *_risen(report), *_rollouts_no_better(report)]
-    return " ".join(sentences)
+    outcome = _outcome(report, units)
+    return " ".join([*report.alarms, outcome, *_risen(report), *_rollouts_no_better(report)])
 
 
-def _outcome(report: EffectContents) -> str:
+def _outcome(report: EffectContents, units: Units) -> str:
     if not report.n_held_out:
-        return "Nothing was searched: the record is too short to hold any of it out."
+        _, _, enough = report.held_out.partition(": ")
+        return f"Nothing was searched: the record is too short to hold any of it out. {enough}"
     if not report.effects and report.time_interval is not None:
         return f"No effect that was looked for is missing at all times. {aside(report)}"
     if not report.effects and report.acts_rarely:
@@ -62,11 +68,12 @@ def _outcome(report: EffectContents) -> str:
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(report.effects[0], report)
     weak = ", weak evidence" if report.effects[0].doubts else ""
+    name += when(report.effects[0])
     name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
-    return f"{name}: {_fall(report, 'with them' if others else 'with it')}."
+    return f"{name}: {_fall(report, 'with them' if others else 'with it', units)}."
 
 
-def _fall(report: EffectContents, with_them: str) -> str:
+def _fall(report: EffectContents, with_them: str, units: Units) -> str:
     """By how much the effects lower an error, with gross rows and, where they hide it, without."""
     every = [np.array(report.errors[place]["held_out"]) for place in (0, -1)]
     has_others = report.data is not None and not report.of_rollouts
@@ -83,12 +90,15 @@ def _fall(report: EffectContents, with_them: str) -> str:
         )
     hidden = other == target and fall < REPORT.hidden * usual_fall
     without = f", and {_instead(usual, target)} {which}" if hidden else ""
-    return f"{lead} {_rate_of(report, target)} is {_instead(every, target)}{without}"
+    instead = _instead(every, target, judged_unit(report, target, units))
+    share = "" if hidden else explained(report, target)
+    return f"{lead} {_rate_of(report, target)} is {instead}{without}{share}"
 
 
-def _instead(errors: Sequence[Array], state: int) -> str:
+def _instead(errors: Sequence[Array], state: int, unit: str = "") -> str:
     before, after = errors
-    return f"{error(after[state], before[state])} instead of {before[state]:.4g}"
+    low, high = error(after[state], before[state]), f"{before[state]:.4g}"
+    return f"{low} {unit} instead of {high} {unit}" if unit else f"{low} instead of {high}"
 
 
 def _judged(report: EffectContents, name: str) -> str:
@@ -236,8 +246,11 @@ def ends(rollout: Rollout) -> list[tuple[str, str]]:
 
 
 def skipped(report: EffectContents) -> list[str]:
-    """Kinds that were not looked for, and why."""
-    return [f"{kind}: {why}" for kind, why in report.skipped.items()]
+    """Kinds that were not looked for, by the reasons why."""
+    reasons: dict[str, list[str]] = {}
+    for kind, why in report.skipped.items():
+        reasons.setdefault(why, []).append(kind)
+    return [f"{', '.join(kinds)}: {why}" for why, kinds in reasons.items()]
 
 
 def not_kept(report: EffectContents) -> list[str]:
@@ -265,16 +278,19 @@ def _of_rollouts(errors: Sequence[float] | None) -> str:
 # -- the text -------------------------------------------------------------------------------------
 
 
-def report_lines(report: EffectContents) -> Iterator[str]:
+def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
     """The whole report."""
-    yield (
-        f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
-        f"({report.held_out}).{at_rest(report)}"
-    )
-    yield summary(report)
+    if report.n_held_out:
+        yield (
+            f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
+            f"({report.held_out}).{at_rest(report)}"
+        )
+    yield summary(report, units)
+    laws = _laws(report.data) if report.data is not None and report.effects else []
+    yield from ["", *laws] if laws else []
     if report.errors:
         yield ""
-        yield from _errors(report)
+        yield from _errors(report, units)
     for number, effect in enumerate(report.effects, start=1):
         yield ""
         yield from _effect(number, effect, report)
@@ -287,13 +303,11 @@ def report_lines(report: EffectContents) -> Iterator[str]:
         yield f"Set aside: {aside(report)}"
     if report.dropped:
         yield dropped(report)
-    when = [" without the effects", " with the effects"] if report.effects else [""]
-    for whether, (_, leftover) in zip(when, leftovers(report), strict=False):
-        for name, said in verdicts(leftover, report):
-            yield f"Left over of {name}{whether}: {said}"
+    yield from _left_over(report)
     if report.effects and not report.of_rollouts:
         yield from _rollouts(report)
-    if report.free_rollouts is not None:
+    # the errors of effects in recordings are those of free rollouts already
+    if not (report.effects and report.of_rollouts) and report.free_rollouts is not None:
         yield f"Held out: {report.free_rollouts[:1].lower()}{report.free_rollouts[1:]}"
     for heading, entries in (
         (NOT_KEPT, not_kept(report)),
@@ -305,7 +319,28 @@ def report_lines(report: EffectContents) -> Iterator[str]:
             yield from (f"  {entry}" for entry in first_of(entries, REPORT.names_in_text))
 
 
-def _errors(report: EffectContents) -> list[str]:
+def _left_over(report: EffectContents) -> Iterator[str]:
+    """What is left of each equation; without the effects of those alone that have some."""
+    when = [" without the effects", " with the effects"] if report.effects else [""]
+    acted_on = {law_of(report.targets[one.target], report) for one in report.effects}
+    for whether, (model, leftover) in zip(when, leftovers(report), strict=False):
+        for name, said in verdicts(leftover, report):
+            if name in acted_on or model == _WITH_EFFECTS or not acted_on:
+                yield f"Left over of {name}{whether}: {briefly(said)}"
+
+
+def _laws(data: EffectData) -> list[str]:
+    """The laws without the effects and with them, of one mode."""
+    models = ("without:", data.models[0]), ("with:", data.final)
+    return [
+        f"{when:8} {law.removeprefix('mode 0: ')}"
+        for when, model in models
+        if model.joint_fit_.n_modes == 1
+        for law in model.equations(REPORT.precision)
+    ]
+
+
+def _errors(report: EffectContents, units: Units) -> list[str]:
     """Held-out errors of every equation, one line a model."""
     what = "RMS error, free rollouts held out" if report.of_rollouts else "held-out RMS error"
     columns = [(what, "<1", [row["model"] for row in report.errors])]
@@ -313,7 +348,9 @@ def _errors(report: EffectContents) -> list[str]:
         exact = name in report.exact  # where rounding is left
         every = [row["held_out"][state] for row in report.errors]
         errors = ["exact" if exact else error(one, every[0]) for one in every]
-        columns.append((_judged(report, name), ">12", errors))
+        unit = judged_unit(report, state, units)
+        title = _judged(report, name)
+        columns.append((f"{title} [{unit}]" if unit else title, ">12", errors))
     return text_table(columns, gap="  ")
 
 
@@ -331,12 +368,17 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
     for formula in effect.formulas[: REPORT.formulas]:
         verdict = "predicts as well" if formula.ties else "predicts worse"
         yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
+    advised: dict[str, list[str]] = {}
     for rival in effect.rivals:
         entry = f"{effect_title(rival, report)}, error {error(rival.error, effect.error_before)}"
         if effect.kind == UnknownFunction.kind:
             yield f"   near effect with a name: {entry} instead of {effect.error_after:.4g}"
         else:
-            yield f"   rival, as good on these data: {entry}; to tell them apart: {rival.advice}"
+            advised.setdefault(rival.advice, []).append(entry)
+    for advice, entries in advised.items():
+        which = "rival" if len(entries) == 1 else "rivals"
+        listed = "; ".join(entries)
+        yield f"   {which}, as good on these data: {listed}; to tell them apart: {advice}"
 
 
 def _rollouts(report: EffectContents) -> Iterator[str]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from swsysid._displays.style import unit_of
 from swsysid._effect_search.contents import EffectContents, RowsSetAside
 from swsysid._effect_search.settings import REPORT
 from swsysid._rendering.printing import between
 from swsysid.effects import FoundEffect, Rival
 from swsysid.effects._base import NOWHERE
+
+Units = Mapping[str, str] | None
 
 
 def rate(name: str, discrete: bool = False, static: bool = False) -> str:
@@ -37,9 +40,46 @@ def effect_title(effect: FoundEffect | Rival, report: EffectContents) -> str:
     return title(effect.kind, effect.place, law, effect.mode)
 
 
+def when(effect: FoundEffect) -> str:
+    """From when to when it acts, "" of one that always does."""
+    instants = effect.formula.partition(" from ")[2]
+    return f", from {instants}" if effect.placed.effect.acts_once else ""
+
+
 def law_of(name: str, report: EffectContents) -> str:
     """What the equation of this name gives."""
     return rate(name, report.discrete, report.static)
+
+
+def explained(report: EffectContents, state: int) -> str:
+    """The share of what is no noise that the effects explain, and what remains of that."""
+    noise = noise_floor(report, state)
+    before, after = (report.errors[place]["held_out"][state] for place in (0, -1))
+    if noise is None or before <= noise:
+        return ""
+    share = (before**2 - max(after, noise) ** 2) / (before**2 - noise**2)
+    told = f". Of the squared error above the noise {percent(share)} is explained"
+    if after <= REPORT.noise_alone * noise:
+        return f"{told}, and nothing but noise is left"
+    is_free = noise <= REPORT.least_noise * before  # of noise: the record is all but exact
+    return told if is_free else f"{told}, and {after / noise:.2g} times the noise is left"
+
+
+def noise_floor(report: EffectContents, state: int) -> float | None:
+    """Of what the errors are of, as far as it is known."""
+    if report.of_rollouts:
+        noise = None if report.data is None else report.data.noise
+        return None if noise is None else float(noise[state])
+    left = report.residual_before
+    sizes = [] if left is None else [one for one in left.size if one.mode is None]
+    return sizes[state].noise_floor if len(sizes) == len(report.targets) else None
+
+
+def judged_unit(report: EffectContents, state: int, units: Units) -> str:
+    """The unit of what errors are of, "" where it is not known."""
+    name = report.targets[state]
+    is_rate = not (report.of_rollouts or report.discrete or report.static)
+    return unit_of(f"d/dt {name}" if is_rate else name, units) or ""
 
 
 def sentence(text: str, names: Sequence[str]) -> str:
@@ -58,6 +98,35 @@ def error(value: float, before: float) -> str:
     """A root mean square error, no smaller than the rounding of what it was before."""
     least = REPORT.smallest_error * before
     return f"{value:.4g}" if value >= least else f"< {least:.1g}"
+
+
+def briefly(said: str) -> str:
+    """A sentence on what is left, with the first thing that it depends on.
+
+    Examples
+    --------
+    >>> briefly("the residual is 2.0 times the noise floor; it depends on v (p<=0.01, 5% of it).")
+    'the residual is 2.0 times the noise floor; it depends on v (p<=0.01, 5% of it).'
+    >>> briefly("the residual is 3; it depends on x (a line) and on v (a step); its spread too.")
+    'the residual is 3; it depends on x (a line), and more.'
+    """
+    clauses = said.rstrip(".").split("; ")
+    told = "; ".join(clauses[:2])
+    first, more, _ = told.partition(" and on ")
+    return f"{first}, and more." if more or len(clauses) > 2 else f"{told}."
+
+
+def percent(share: float) -> str:
+    """A share, never rounded to nothing or to all of it.
+
+    Examples
+    --------
+    >>> [percent(share) for share in (0.123, 0.99999, 1.0, 1e-4)]
+    ['12 %', 'over 99 %', '100 %', 'under 1 %']
+    """
+    if 0.995 < share < 1.0:
+        return "over 99 %"
+    return "under 1 %" if 0.0 < share < 0.005 else f"{100.0 * share:.0f} %"
 
 
 def interval(effect: FoundEffect, name: str) -> str:

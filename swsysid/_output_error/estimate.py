@@ -40,6 +40,7 @@ class Course(NamedTuple):
 
 
 Courses = Sequence[Course]
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,8 @@ class Fit(ABC):
         """The states of some stretches, from which a fit of nearly the same law begins."""
 
     @abstractmethod
-    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
-        """Covariance of free coefficients of the law with further columns, and their places.
-
-        The places are those of the columns of each effect.
-        """
+    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, Places, Places]:
+        """Of free coefficients of the law with further columns; state and column of each."""
 
 
 @dataclass(frozen=True)
@@ -104,16 +102,12 @@ class Fitted(Fit):
         """What misfits are measured in."""
         return self.reached.noise
 
-    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
+    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, Places, Places]:
         estimate, _ = _begun(wider, stretches, self.courses)
         with np.errstate(all="ignore"):
             equations = self.reached.objective.normal_equations(estimate)
-        _, _, feature = estimate.laws.places
-        places = [
-            np.flatnonzero((feature >= own.start) & (feature < own.stop))
-            for own in wider.columns_of
-        ]
-        return equations.covariance().of_laws, places
+        _, state, column = estimate.laws.places
+        return equations.covariance().of_laws, state, column
 
 
 def fitted(

@@ -152,11 +152,14 @@ class Law:
         ]
         return tuple(dict.fromkeys(pairs))
 
+    def columns(self, seen: Records) -> Array:
+        """What the coefficients multiply, along records, (n_samples, n_features + n_columns)."""
+        added = [term.effect.columns(seen, term.place, *term.theta) for term in self.terms]
+        return np.hstack([self.library(seen.X), *added])
+
     def rates(self, seen: Records) -> Array:
         """What the law says of the rates of records, (n_samples, n_states)."""
-        columns = [term.effect.columns(seen, term.place, *term.theta) for term in self.terms]
-        rates = np.hstack([self.library(seen.X), *columns]) @ self.coef.T
-        return shaped(self.terms, rates, seen.X)
+        return shaped(self.terms, self.columns(seen) @ self.coef.T, seen.X)
 
     def laws(self, stretches: Stretches, spread: Array) -> Laws:
         """Vector field of states, inputs, signals and further columns."""

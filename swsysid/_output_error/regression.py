@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from swsysid._output_error.criterion import Left
-from swsysid._output_error.estimate import Courses, Fit
+from swsysid._output_error.estimate import Courses, Fit, Places
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import explained
 from swsysid._output_error.settings import SETTINGS
@@ -43,11 +43,11 @@ class Regressed(Fit):
         """None: a row has no course."""
         return None
 
-    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, list[NDArray[np.intp]]]:
+    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, Places, Places]:
         rows = Weighted.of(wider, stretches)
-        own, number = rows.own / self.noise, np.cumsum(rows.free) - 1
-        places = [number[columns] for columns in wider.columns_of]
-        return np.asarray(np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)), places
+        own, column = rows.own / self.noise, np.flatnonzero(rows.free)
+        covariance = np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)
+        return np.asarray(covariance), np.zeros_like(column), column
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,7 @@ class Weighted:
     def of(cls, law: Law, stretches: Stretches) -> Weighted:
         """The rows of all stretches."""
         seen, rows = stretches.seen, stretches.rows
-        added = [term.effect.columns(seen, term.place, *term.theta) for term in law.terms]
-        columns = np.nan_to_num(np.hstack([law.library(seen.X), *added])[rows])
+        columns = np.nan_to_num(law.columns(seen)[rows])
         measured = stretches.measured[rows, 0]
         weights = np.where(np.isfinite(measured), 1.0 / stretches.sizes[rows], 0.0)
         free = law.free[0] & columns.any(axis=0)

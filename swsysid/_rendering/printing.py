@@ -45,8 +45,8 @@ def linear_combination(
     `precision` counts the decimals of coefficients of order one; small ones keep as many
     significant digits, so that nothing but an exact or negligible zero disappears. Negligible
     is a term 1e-10 times smaller than the largest one, where every feature is as large as
-    `sizes` says, 1 by default. With `brief` all have `precision` significant digits, trailing zeros
-    and factors of one left out.
+    `sizes` says, 1 by default; one of unknown, infinite size is not. With `brief` all have
+    `precision` significant digits, trailing zeros and factors of one left out.
 
     Examples
     --------
@@ -56,13 +56,15 @@ def linear_combination(
     '0.500 x_{0}^{2} x_{1}'
     >>> linear_combination([1.0, -2.0, -1.0], ["1", "x", "v"], brief=True)
     '1 - 2 x - v'
+    >>> linear_combination([6e4, -8e-7], ["v", "force^5"], sizes=[0.2, np.inf], brief=True)
+    '6e4 v - 8e-7 force^5'
     """
     check_format(style, precision)
     amounts = [
-        abs(value * size)
+        abs(value * size) if value != 0.0 else 0.0
         for value, size in zip(coef, [1.0] * len(coef) if sizes is None else sizes, strict=True)
     ]
-    largest = max(amounts, default=0.0)
+    largest = max(filter(np.isfinite, amounts), default=0.0)
     terms = [
         (value, name)
         for value, name, amount in zip(coef, names, amounts, strict=True)

@@ -61,7 +61,7 @@ def unit_of(name: str) -> str:
 
     Examples
     --------
-    >>> [unit_of(name) for name in ("v_m_per_s", "acc_m_per_s2", "force [N]", "T_box", "x")]
+    >>> [unit_of(name) for name in ("v_m_per_s", "a_m_per_s2", "force [N]", "T_box", "v_in_per_s")]
     ['m/s', 'm/s^2', 'N', '', '']
     >>> [unit_of(name) for name in ("h(m)", "der(h)", "der(h) [m/s]")]
     ['m', '', 'm/s']
@@ -70,7 +70,7 @@ def unit_of(name: str) -> str:
     if bracket:
         return bracket.group(1)
     parts = name.split("_")
-    for start in range(1, len(parts)):
+    for start in (k for k in range(1, len(parts)) if parts[k - 1] != "per"):
         groups = [group.split("_") for group in "_".join(parts[start:]).split("_per_")]
         symbols = [[_symbol(part) for part in group] for group in groups]
         if all(all(group) for group in symbols):

@@ -187,9 +187,11 @@ class TimeInterval(Effect):
         return f"{name} in {place[1]}" if isinstance(place, tuple) else name
 
     def describe(self, label: str, target: str) -> str:
+        of_level = label.startswith("level")
+        acts = f"something acts on {target}" if of_level else f"{label} acts on {target} otherwise"
         if self.ends:
-            return super().describe(label, target)
-        return f"{label} acts on {target} otherwise from an instant on: a fan started, a load came"
+            return f"{acts} for some time: a lid that was opened, a load that came and went"
+        return f"{acts} from an instant on: a fan started, a load came"
 
     def formula(self, label: str, parameters: Mapping[str, float]) -> str:
         theta = [one for name, one in parameters.items() if name != "change"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.measured import by_default, modes_by_default
+from benchmarks.measured import by_command, by_default, modes_by_default
 from benchmarks.measured.choice import best_of, blocks, held_out_errors
 from benchmarks.measured.effects import _emps, _incubator, _searched
 from benchmarks.measured.rows import LEFT_OUT, FreeRun, Run
@@ -95,3 +95,14 @@ def test_a_square_that_fails_in_reverse_is_refuted():
     row = by_default.searched("vehicle")
     assert row.found.startswith("coulomb_friction") and row.verdict == "right"
     assert row.after < 0.55 * row.before  # .061 instead of .135 m/s
+
+
+@pytest.mark.nightly
+@pytest.mark.measured
+def test_the_command_line_says_what_python_says():
+    row = by_command.commanded("damper")
+    assert row.found.startswith("backlash of x_in") and "--quantity" in row.estimator
+    assert row.after < 0.4 * row.before  # .54 instead of 1.64 kip
+    row = by_command.commanded("incubator")
+    assert row.found == "lag of heater_on" and row.verdict == "right"
+    assert row.after < 0.2 * row.before  # .073 instead of .55 K

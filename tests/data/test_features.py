@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.compose import ColumnTransformer
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import FunctionTransformer, PolynomialFeatures, StandardScaler
 
 from swsysid import FunctionLibrary
@@ -233,3 +233,22 @@ def test_monomials_are_those_of_scikit_learn(n_states, degree):
     monomials = Monomials.up_to(degree, n_states)
     np.testing.assert_allclose(monomials(X), expected, rtol=1e-12)
     np.testing.assert_allclose(monomials.at(X[0]), expected[0], rtol=1e-12)
+
+
+def test_unions_and_pipelines_of_known_steps_are_not_asked_row_by_row(monkeypatch):
+    waves = FunctionLibrary([np.sin, np.cos])
+    radians = ColumnTransformer([("angle", FunctionLibrary([np.deg2rad], names=["{}"]), [1])])
+    library = FeatureUnion(
+        [
+            ("products", PolynomialFeatures(2)),
+            ("waves", make_pipeline(ColumnTransformer([("angle", "passthrough", [0])]), waves)),
+            ("of degrees", make_pipeline(radians, waves)),
+        ],
+        verbose_feature_names_out=False,
+    )
+    X = np.random.default_rng(0).normal(size=(50, 2))
+    features = FeatureMap(library, X, ["q", "degrees"])
+    expected = features.library.transform(X)
+    monkeypatch.setattr(FeatureUnion, "transform", None)  # nobody asks for it
+    np.testing.assert_allclose(features(X), expected, rtol=1e-14)
+    np.testing.assert_allclose(features.at(X[0]), expected[0], rtol=1e-14)

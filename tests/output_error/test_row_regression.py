@@ -6,6 +6,7 @@ import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
+from swsysid._effect_search.contributions import beside_conventions
 from swsysid._output_error.law import Law
 from swsysid._output_error.regression import fitted, left_of, scores
 from swsysid._output_error.stretches import Stretches
@@ -55,12 +56,12 @@ def test_coefficients_and_their_errors_are_those_of_least_squares():
     law, stretches = quantity()
     law = law.beside([PlacedEffect(CoulombFriction(), 1, 0)])
     fit = fitted(law, stretches)
-    covariance, places = fit.covariance(law, stretches)
+    covariance, state, column = fit.covariance(law, stretches)
     # 2000 rows with noise of 0.1: the error of each is some thousandths
     errors = np.sqrt(np.diag(covariance))
     assert (errors < 0.006).all()
     assert np.abs(fit.law.coef[0] - [0.0, 3.0, 0.4, 1.2]).max() < 4.0 * errors.max()
-    assert [one.tolist() for one in places] == [[3]]
+    assert state.tolist() == [0, 0, 0, 0] and column.tolist() == [0, 1, 2, 3]
     np.testing.assert_allclose(left_of(fit, stretches), fit.left)
 
 
@@ -116,3 +117,25 @@ def test_whole_trajectories_are_left_out_where_there_are_several():
     one = make_records(stretches.records.X, 1, t=STEP * np.arange(2000), names=["x", "v"])
     alone = Stretches.of(one, one, np.arange(2000), stretches.quantity)
     assert all(len(train) > len(test) > 0 for train, test in alone.folds())
+
+
+def test_shares_that_a_constant_may_have_do_not_widen_what_is_told():
+    rng = np.random.default_rng(5)
+    v = rng.normal(size=400)
+    columns = np.column_stack(
+        [np.ones(400), v, -1.0 * (v > 0.0), 1.0 * (v < 0.0), rng.normal(size=400)]
+    )
+    # a little is known of the shares from elsewhere, and of a coefficient of another state
+    inside = np.linalg.inv(columns.T @ columns / 0.01 + 1e-6 * np.eye(5))
+    wide, own = np.diag([0.0] * 5 + [7.0]), np.arange(5)
+    wide[:5, :5] = inside
+    assert np.sqrt(wide[2, 2]) > 100.0
+    told = beside_conventions(wide, own, columns)
+    # no share moves: along (1, 0, 1, -1, 0) nothing does
+    assert np.abs(told @ [1.0, 0.0, 1.0, -1.0, 0.0, 0.0]).max() < 1e-6
+    # the mean of both frictions, and all else, is as sure as by a law without the constant
+    alone = np.linalg.inv(columns[:, 1:].T @ columns[:, 1:] / 0.01)
+    mean = np.array([0.0, 0.0, 0.5, 0.5, 0.0, 0.0])
+    assert mean @ told @ mean == pytest.approx(mean[1:5] @ alone @ mean[1:5], rel=1e-3)
+    assert told[4, 4] == pytest.approx(alone[3, 3], rel=1e-3) and told[5, 5] == 7.0
+    assert np.sqrt(told[2, 2]) < 0.05

@@ -1,0 +1,173 @@
+"""``--diagnose``: what a law lacks, searched in the recordings as they were measured."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton_regressor import HybridAutomatonRegressor
+from swsysid._cli.automaton import automaton_of, own_warnings
+from swsysid._cli.options import JobOptions
+from swsysid._cli.samples import Samples, measure
+from swsysid._cli.settings import JUDGING
+from swsysid._cli.terms import Terms
+from swsysid._cli.text import described, preparation, units_of_displays
+from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._rendering.progress import stage
+from swsysid._results import Array
+from swsysid._tables.table import Table, TableError
+from swsysid.diagnosis import EffectSearchCV
+from swsysid.effects import Effect, all_effects, special_effects
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What one law lacks, found in samples; or several laws in its place."""
+
+    search: EffectSearchCV
+    samples: Samples
+    notes: Sequence[str]
+    several: HybridAutomatonRegressor | None = None
+    told_of_several: str = ""
+
+    @property
+    def explains_little(self) -> bool:
+        """Whether one law predicts less than half of what was held out, or lacks what has no name.
+
+        All that was found stands beside it.
+        """
+        report = self.search.report_
+        if report.data is None or not report.of_rollouts:
+            return False
+        records = report.data.records
+        spread = records.X[:, : records.n_states].std(axis=0)
+        left = np.sqrt(np.mean(np.square(self.left / spread)))
+        rest = report.residual_before
+        return bool(left > JUDGING.half) or (report.clean and rest is not None and not rest.clean)
+
+    @property
+    def left(self) -> Array:
+        """What free rollouts with all that was found leave of what was held out, (n_states,)."""
+        return np.array(self.search.report_.errors[-1]["held_out"])
+
+    def beside(self, found: HybridAutomatonRegressor, told: str) -> Diagnosis:
+        """With several laws, where these leave a fraction of what one law leaves."""
+        is_better = bool((found.noise_ < JUDGING.told * self.left).all()) and found.n_modes_ > 1
+        return replace(self, several=found, told_of_several=told) if is_better else self
+
+    @property
+    def text(self) -> str:
+        """The data, and what was found."""
+        samples, recorded = self.samples, self.samples.recorded
+        n_samples = len(samples.X) if recorded is None else recorded.n_samples
+        n_groups = len(np.unique(samples.groups if recorded is None else recorded.groups))
+        data = [described(samples, n_samples, n_groups), *preparation(samples)]
+        report = self.search.report_.to_text(units=units_of_displays(samples))
+        if self.several is not None:
+            sizes = zip(samples.names, self.left, strict=False)
+            left = ", ".join(
+                f"{name} {size:.3g} {samples.unit(name)}".rstrip() for name, size in sizes
+            )
+            report = (
+                f"Several laws follow each other. {self.told_of_several}\n\n"
+                f"One law, with all that was found beside it, leaves {left} in free rollouts over "
+                f"what was held out: {self.search.report_.summary}"
+            )
+        notes = [f"note: {note}" for note in self.notes if note not in report]
+        return "\n\n".join(["\n".join(data), report, *notes])
+
+
+def diagnosed(
+    table: Table, options: JobOptions, effects: Sequence[Effect], is_left_open: bool, watched: bool
+) -> Diagnosis:
+    """What one law lacks; several laws, if the number is left open and one explains little."""
+    with own_warnings() as notes, stage("Searching for what the law lacks", watched):
+        samples = measure(table, options.measurement)
+        columns = tuple(range(samples.X.shape[1]))
+        if options.position == "no":
+            columns = columns[samples.n_known :]
+        terms = Terms(columns, options.library_degree, options.waves, *samples.angles)
+        declared = options.regressor(1, feature_library=terms.library(samples.X.shape[1]))
+        search = searched(samples, declared, effects, options)
+    done = Diagnosis(search, samples, notes)
+    if is_left_open and options.measurement.order == 1 and done.explains_little:
+        with stage("Looking for several laws", watched):
+            done = done.beside(*automaton_of(samples, replace(options, modes="auto")))
+    return done
+
+
+def searched(
+    samples: Samples,
+    declared: SwitchingSystemRegressor,
+    effects: Sequence[Effect],
+    options: JobOptions,
+) -> EffectSearchCV:
+    """What a declared model lacks.
+
+    States as they were measured are searched, for what a filter has smeared looks like other
+    effects; with order 2 velocities are those of the filter.
+    """
+    import pandas as pd
+
+    def frame(columns: NDArray, names: Sequence[str]) -> pd.DataFrame | None:
+        return pd.DataFrame(columns, columns=list(names)) if len(names) else None
+
+    search = EffectSearchCV(
+        declared,
+        effects=list(effects),
+        n_jobs=options.n_jobs,
+        random_state=options.random_state,
+        verbose=int(options.verbose),
+    )
+    recorded, n_states = samples.recorded, len(samples.rate_names)
+    names, signal_names = samples.names, samples.signal_names
+    signals, t, groups = samples.signals, samples.t, samples.groups
+    # of several laws what a filter made of positions is no recording: they would be smoothed twice
+    smoothed = options.measurement.order == 2 and declared.n_modes != 1
+    if recorded is None or smoothed:
+        logged, several = frame(signals, signal_names), _several(groups, options)
+        given = samples.Xdot
+        if options.measurement.quantity:
+            given = pd.Series(given[:, 0], name=samples.rate_names[0])
+        return search.fit(samples.frame, given, t=t, groups=several, signals=logged)
+    x, inputs = samples.X[:, :n_states], samples.X[:, n_states:]
+    if options.measurement.order == 1:
+        rows = recorded.of_samples()
+        x, inputs, signals, t, groups = (
+            rows.states,
+            rows.inputs,
+            rows.signals,
+            rows.t,
+            rows.groups,
+        )
+    return search.fit(
+        frame(x, names[:n_states]),
+        t=t,
+        groups=_several(groups, options),
+        inputs=frame(inputs, names[n_states:]),
+        signals=frame(signals, signal_names),
+    )
+
+
+def _several(groups: NDArray, options: JobOptions) -> NDArray | None:
+    """Names of trajectories, where there are several or a column has them."""
+    is_one = len(set(groups.tolist())) == 1 and not options.measurement.groups
+    return None if is_one else groups
+
+
+def chosen_effects(kinds: Sequence[str]) -> list[Effect]:
+    """Effects of the library by their kinds, in its order; all but the special if none is named."""
+    library = {effect.kind: effect for effect in [*all_effects(), *special_effects()]}
+    for kind in kinds:
+        if kind not in library:
+            close = difflib.get_close_matches(kind, library, n=1)
+            hint = f" Did you mean {close[0]!r}?" if close else ""
+            raise TableError(
+                f"--effects {kind!r} is no kind of effect.{hint} The kinds are: "
+                f"{', '.join(library)}."
+            )
+    return [library[kind] for kind in library if kind in kinds] if kinds else all_effects()
