@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.settings import CLOCKS
-from swsysid._data.trajectories import trajectories
+from swsysid._data.trajectories import evened, trajectories
 from swsysid._rendering.printing import counted, ordinal
 from swsysid._results import Array
 from swsysid._tables.table import Table
@@ -32,6 +32,7 @@ def with_own_clocks(table: Table, what: Measurement) -> Table:
         table = _with_labels(table, what.groups, _holds_a_state(what, numbers))
     if what.time is not None:
         table = _joined(table, what, *_of(table, what))
+        table = _evened(table, what.time, *_of(table, what))
     numbers, labels = _of(table, what)
     t = np.arange(float(len(numbers))) if what.time is None else numbers[:, -1]
     parts = _segments(t, labels)
@@ -225,6 +226,20 @@ def _joined(table: Table, what: Measurement, numbers: Array, labels: NDArray | N
     joined = int(np.sum(~starts))
     told = f"Rows of one time, or one rounding apart, are one: {counted(joined, 'row')} joined."
     return table.with_rows(columns, order[starts], told if joined else "")
+
+
+def _evened(table: Table, name: str, numbers: Array, labels: NDArray | None) -> Table:
+    """Times as an even clock has them, where they were rounded to ticks longer than its steps."""
+    t, told = numbers[:, -1].copy(), ""
+    for rows in _segments(t, labels):
+        even = evened(t[rows], numbers[rows, :-1])
+        if (even != t[rows]).any():
+            told = (
+                f"{name} repeats times between which the rows move on: those of an even clock of "
+                f"{np.ptp(even) / (len(rows) - 1):.4g} s are used."
+            )
+            t[rows] = even
+    return table.replaced(name, t, "", told) if told else table
 
 
 # --- what a tool filled in ----------------------------------------------------------------------

@@ -79,6 +79,8 @@ def places_along(groups: NDArray) -> Array:
 LATER, AT_ONCE = 1e-9, 2e-9
 # of the rows that repeat a time, the share that is not too many; of a tick, what is no difference
 COARSE, EVEN = 0.2, 0.01
+# of them, how many tell a clock from an event; of a tick, by how much a fitted clock may be off
+FEWEST_REPEATS, EVEN_CLOCK = 3, 0.1
 
 
 def events_in(t: Array) -> NDArray[np.intp]:
@@ -110,6 +112,30 @@ def is_coarse(t: Array, x: Array) -> bool:
     within, between = (np.nanmedian(moves[some], axis=0) for some in (at_once, ~at_once))
     moving = between > 0.0
     return bool(even.mean() > 0.5 and (within > 0.5 * between)[moving].all())
+
+
+def evened(t: Array, x: Array) -> Array:
+    """Times of an even clock, where they are that to a tick that is longer than its steps.
+
+    Frames every 0.0083 s are printed as 1.00, 1.01, 1.01 and 1.02 s. Two rows at one time are no
+    event then: what moves does so between them as it always does, and the even clock is nowhere
+    further than half a tick from the times. `x` are the columns, (n_rows, n_columns).
+
+    >>> t = np.arange(0.0, 1.0, 0.0083)
+    >>> np.abs(evened(np.round(t, 2), np.sin(t)[:, None]) - t).max() < 0.001
+    True
+    """
+    steps, moves = np.diff(t), np.abs(np.diff(x, axis=0))
+    at_once = steps == 0.0
+    if at_once.sum() < FEWEST_REPEATS or (steps < 0.0).any() or is_coarse(t, x):
+        return t
+    within, between = (np.nanmedian(moves[some], axis=0) for some in (at_once, ~at_once))
+    moving = between > 0.0
+    is_usual = (0.5 * between < within) & (within < 2.0 * between)
+    number = np.arange(len(t))
+    even = np.asarray(np.polyval(np.polyfit(number, t, 1), number), dtype=float)
+    is_even = np.abs(even - t).max() <= (0.5 + EVEN_CLOCK) * steps.max()
+    return even if is_even and moving.any() and is_usual[moving].all() else t
 
 
 def limits_apart(t: Array) -> Array:

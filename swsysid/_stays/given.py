@@ -13,7 +13,7 @@ from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
 from swsysid._checks.parameters import shown
 from swsysid._data.input_steps import Hold
 from swsysid._data.recordings import Record
-from swsysid._data.trajectories import group_labels, is_coarse, trajectories
+from swsysid._data.trajectories import evened, group_labels, is_coarse, trajectories
 from swsysid._results import Array, Trajectory
 
 INPUTS = ("u", "U", "input")  # what others call inputs
@@ -161,13 +161,14 @@ def _of_recordings(listed: list) -> Given:
 
 def _of_rows(where: str, x: object, t: object, groups: object, inputs: object) -> Given:
     y = table(f"x{where}", x, missing=True)
-    times = column(f"t{where}", t, len(y))
+    times = column(f"t{where}", t, len(y)).copy()
     u = np.empty((len(y), 0)) if inputs is None else table(f"inputs{where}", inputs, len(y))
     refuse_vanishing(f"x{where}", np.nan_to_num(y))
     refuse_vanishing(f"t{where}", times)
     labels = _restarts(times) if groups is None else group_labels(groups, len(y))
     found = trajectories(labels)
     for label, rows in found:
+        times[rows] = evened(times[rows], y[rows])
         whole = len(found) == 1 and where.removeprefix(" of ")
         _check_times(whole or f"recording {label!r}{where}", times[rows], y[rows])
     records = [Record.of(times[rows], y[rows], u[rows]) for _, rows in found]

@@ -16,6 +16,7 @@ from scipy.ndimage import binary_dilation
 from swsysid._checks.arrays import column, refuse_vanishing, table
 from swsysid._checks.parameters import one_of
 from swsysid._data.trajectories import (
+    evened,
     events_in,
     group_labels,
     how_to_unwrap,
@@ -48,12 +49,13 @@ def measured_rows(
     """
     states = table("x", x)
     n_rows = len(states)
-    times = column("t", t, n_rows)
+    times = column("t", t, n_rows).copy()
     for name, values in (("x", states), ("t", times)):
         refuse_vanishing(name, values)
     signals = np.empty((n_rows, 0)) if inputs is None else table("inputs", inputs, n_rows)
     labels = group_labels(groups, n_rows)
     for label, index in trajectories(labels):
+        times[index] = evened(times[index], states[index])
         steps = np.diff(times[index])
         if not len(steps):
             continue

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
-from swsysid._data.trajectories import events_in, is_coarse, limits_apart
+from swsysid._data.trajectories import evened, events_in, is_coarse, limits_apart
 from swsysid._stays.given import read_given
 from swsysid._stays.pieces import between_jumps
 from swsysid.differentiation import differentiate
@@ -115,6 +115,23 @@ def test_a_clock_that_is_too_coarse_is_no_row_of_events():
     assert not is_coarse(t, np.column_stack([x, u]))
     clocked = np.repeat(np.arange(100.0), 2)  # a controller that acts at every sample
     assert not is_coarse(clocked, np.column_stack([np.sin(clocked), np.arange(200) % 7]))
+
+
+def test_an_even_clock_that_was_rounded_has_no_events():
+    """A tracker prints the times of 120 frames a second to a hundredth: every sixth repeats."""
+    t = np.arange(480) / 120.0
+    x = np.column_stack([np.cos(3.0 * t), -3.0 * np.sin(3.0 * t)])
+    printed = np.round(t, 2)
+    np.testing.assert_allclose(np.diff(evened(printed, x)), 1.0 / 120.0, rtol=1e-3)
+    coef = TrajectoryIdentifier(affine()).fit(x, printed).estimator_.coef_[0]
+    np.testing.assert_allclose(coef, [[0.0, 0.0, 1.0], [0.0, -9.0, 0.0]], atol=0.02)
+    X, Xdot, *_ = differentiate(x, printed)
+    np.testing.assert_allclose(Xdot[:, 0], X[:, 1], atol=0.02)
+
+
+def test_events_are_no_rounded_clock():
+    for t, columns in ((t, np.column_stack(each)) for t, *each in (driven(noise=0.05), doses())):
+        assert evened(t, columns) is t
 
 
 def test_recordings_are_cut_where_states_jump_and_nowhere_else():
