@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,8 +46,8 @@ class Records:
         velocities were measured.
     rates : frozenset of int
         States whose equation is known to give their own rate, and no force of theirs.
-    positions : frozenset of int
-        States whose rate is known to be another state, as in x' = v.
+    positions : mapping of int to int
+        States whose rate is known to be another state, as in x' = v, and that state.
     quantity : str or None
         What the one law gives where that is the rate of no state: a force, a torque, a current.
         No column of X is a state then. None where the equations are those of states.
@@ -63,7 +63,7 @@ class Records:
     average: Callable[[Array, Rows | None], Array] | None = None
     decoded_modes: NDArray[np.intp] | None = None
     rates: frozenset[int] = frozenset()
-    positions: frozenset[int] = frozenset()
+    positions: Mapping[int, int] = field(default_factory=dict)
     quantity: str | None = None
 
     def __len__(self) -> int:

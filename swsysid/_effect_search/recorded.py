@@ -22,7 +22,7 @@ from swsysid._effect_search.contributions import parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
-from swsysid._output_error.criterion import as_good, fall
+from swsysid._output_error.criterion import Left, as_good, fall
 from swsysid._output_error.engines import QUANTITIES, RATES
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
@@ -137,7 +137,8 @@ class RecordedOutcome:
     def left_of(self, fit: Fit, stretches: Stretches) -> Array:
         """Errors of free rollouts, or of the quantity that a law gives, (n_states,)."""
         left = self.search.engine.left_of(fit, stretches)
-        return np.asarray(np.sqrt(np.nanmean(np.square(left), axis=0)))
+        with np.errstate(over="ignore"):  # infinite where a rollout diverges
+            return np.asarray(np.sqrt(np.nanmean(np.square(left), axis=0)))
 
     @cached_property
     def effects(self) -> list[FoundEffect]:
@@ -215,7 +216,7 @@ def searched_recordings(
     else:
         engine, stretches = RATES, Stretches.of(measured.recorded, seen, split.search)
     law, moved = _declared_law(declared, stretches)
-    seen = replace(seen, positions=frozenset(moved))
+    seen = replace(seen, positions=moved)
     stretches = engine.stepped(law, replace(stretches, seen=seen))
     targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
@@ -306,19 +307,23 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
     """Without effects without which what was held out is predicted as well, the last ones first.
 
     What was held out took no part in any choice: it judges each effect once, beside all others, and
-    what it says for or against it adds to the evidence of the stretches that were searched. What
-    acts once has been judged by all samples.
+    what it says for or against it adds to the evidence of the stretches that were searched. A
+    disturbance helps a law along, which by itself may go astray: free rollouts are no worse, too.
+    What acts once has been judged by all samples.
     """
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
-    last, engine = outcome.models[-1], outcome.search.engine
+    last, engine, held_out = outcome.models[-1], outcome.search.engine, outcome.held_out
+    significance = outcome.search.significance
     for place in reversed(range(len(kept))):
         less = engine.fitted(last.law.without(place), stretches)
         p_value, is_better = kept[place].p_value, True
         if not kept[place].candidate.effect.acts_once:
-            judged = fall(*(engine.left_over(fit, outcome.held_out) for fit in (less, last)))
-            p_value, is_better = min(1.0, p_value * np.exp(-judged.nats)), judged.share > 0.0
+            judged = fall(*(engine.left_over(fit, held_out) for fit in (less, last)))
+            free = [Left(engine.left_of(fit, held_out), held_out.series) for fit in (less, last)]
+            p_value = min(1.0, p_value * np.exp(-judged.nats))
+            is_better = judged.share > 0.0 and not go_astray(free[0], free[1], significance)
             kept[place] = replace(kept[place], p_value=float(p_value))
-        if not is_better or p_value > outcome.search.significance:
+        if not is_better or p_value > significance:
             before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
             tried.append((kept.pop(place), before, after))
             last = less
@@ -329,6 +334,12 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
             laws.append(laws[-1].without(len(laws[-1].terms) - 1))
         models = (*(engine.fitted(law, stretches) for law in reversed(laws[1:])), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
+
+
+def go_astray(before: Left, after: Left, significance: float) -> bool:
+    """Whether rollouts become surely worse, or leave all bounds."""
+    diverge = before.is_bounded and not after.is_bounded
+    return diverge or not as_good(fall(after, before), significance)
 
 
 def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[int, int]]:

@@ -26,6 +26,9 @@ from swsysid._results import Array
 from swsysid._stays.nodes import Rows
 
 
+_MOST = 1e100  # that a rollout leaves: one that leaves more has diverged
+
+
 @dataclass(frozen=True)
 class Left:
     """What rollouts of a model leave of stretches."""
@@ -33,10 +36,15 @@ class Left:
     samples: Array  # (n_samples, n_states)
     series: tuple[Rows, ...]  # numbers of the samples of each stretch
 
+    @property
+    def is_bounded(self) -> bool:
+        """False of a rollout that has diverged."""
+        return not bool((np.abs(self.samples) >= _MOST).any())
+
     @cached_property
     def memory(self) -> float:
         """Samples that are worth one, at most of any state."""
-        finite = np.where(np.isfinite(self.samples), self.samples, 0.0)
+        finite = np.where(np.abs(self.samples) < _MOST, self.samples, 0.0)
         return max(memory(column, list(self.series)) for column in finite.T)
 
 
@@ -87,10 +95,10 @@ def as_good(lost: Fall, significance: float) -> bool:
 
 
 def _mean_squares(samples: Array) -> Array:
-    known = np.where(np.isfinite(samples), samples, np.nan)
+    known = np.where(np.abs(samples) < _MOST, samples, np.nan)
     return np.maximum(np.nanmean(np.square(known), axis=0), np.finfo(float).tiny)
 
 
 def _capped(samples: Array, sizes: Array) -> Array:
     """Squares in units of some, no larger than one sample counts at most."""
-    return np.asarray(np.minimum(np.square(samples) / sizes, SETTINGS.cap))
+    return np.asarray(np.minimum(np.square(np.clip(samples, -_MOST, _MOST)) / sizes, SETTINGS.cap))

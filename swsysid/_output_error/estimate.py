@@ -165,9 +165,9 @@ def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -
 def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
     """Measured states less free rollouts of a fitted law, from the best starts."""
     estimate = _fixed(fit, stretches, None).estimate
-    rollouts = Rollouts(estimate.laws, estimate.nodes, estimate.states).rolled_out()
-    ties = ((_tie(rollouts, SETTINGS.of_a_rollout), SETTINGS.turns_of_starts),)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # one may diverge
+        rollouts = Rollouts(estimate.laws, estimate.nodes, estimate.states).rolled_out()
+        ties = ((_tie(rollouts, SETTINGS.of_a_rollout), SETTINGS.turns_of_starts),)
         reached = most_likely(rollouts, fit.noise, replace(STAYS.roughly(), ties=ties)).estimate
     left = reached.nodes.y - reached.states
     return of_samples(reached.nodes, left)

@@ -136,14 +136,14 @@ def with_kinematics(
         left[state, other] = _left_by_multiple(rates[:, state], now[:, other])
     # In an oscillation each state is nearly a multiple of the other's rate: the closer one counts.
     is_rate = (left < SETTINGS.kinematic) & (left <= left.T)
-    positions = np.flatnonzero(is_rate.any(axis=1)).tolist()
+    positions = {state: int(is_rate[state].argmax()) for state in states if is_rate[state].any()}
     if positions:
         own = states
     elif records.ordered:
         own = _states_that_move_so(records, rows, rates, discrete)
     else:
         own = []
-    return replace(records, rates=frozenset(own), positions=frozenset(positions))
+    return replace(records, rates=frozenset(own), positions=positions)
 
 
 def _states_that_move_so(

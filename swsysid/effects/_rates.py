@@ -67,6 +67,10 @@ def _pace(records: Records, place: Place) -> float:
 class _Threshold(RateEffect):
     parameter: str  # name of the threshold
 
+    def places(self, records: Records) -> Sequence[Place]:
+        """The states that are no velocities of others, of which a rate is a force and no pace."""
+        return [one for one in records.states if one not in records.positions.values()]
+
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Shares and multiples of the usual pace of the state."""
         pace = _pace(records, place)

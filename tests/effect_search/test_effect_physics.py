@@ -46,11 +46,11 @@ def with_force(data, force):
 def test_velocities_tell_positions(noise):
     data = make_undeclared(None, noise=noise, outliers=0.05, random_state=5)
     known = seen(data)
-    assert (known.rates, known.positions) == ({0, 1}, {0})
+    assert (known.rates, known.positions) == ({0, 1}, {0: 1})
     untimed = seen(data, t=None)
-    assert (untimed.rates, untimed.positions) == ({0, 1}, {0})
+    assert (untimed.rates, untimed.positions) == ({0, 1}, {0: 1})
     # x' = v says so without any order of the rows
-    assert seen(data, t=None, groups=None).positions == {0}
+    assert seen(data, t=None, groups=None).positions == {0: 1}
 
 
 def test_of_an_oscillation_one_state_is_the_position():
@@ -59,7 +59,7 @@ def test_of_an_oscillation_one_state_is_the_position():
     x, v = np.sin(1.414 * t), 1.414 * np.cos(1.414 * t)
     targets = np.column_stack([v, -2.0 * x + 0.2 * rng.standard_normal(1000)])
     records = make_records(np.column_stack([x, v]), 2, t=t, names=["x", "v"])
-    assert with_kinematics(records, np.arange(1000), targets, False).positions == {0}
+    assert with_kinematics(records, np.arange(1000), targets, False).positions == {0: 1}
 
 
 def test_a_law_of_a_force_is_the_rate_of_nothing(pendulum):
