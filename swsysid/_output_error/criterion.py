@@ -25,7 +25,6 @@ from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.nodes import Rows
 
-
 _MOST = 1e100  # that a rollout leaves: one that leaves more has diverged
 
 
