@@ -118,7 +118,8 @@ def _lowers_nothing(report: EffectContents) -> str:
     """That no velocity is predicted better, and why, where that is to be expected."""
     subject = "they do" if len(report.effects) > 1 else "it does"
     reasons = dict.fromkeys(effect.placed.effect.lowers_nothing for effect in report.effects)
-    sentence = f"{subject} not lower the held-out error of any velocity"
+    of = "free rollouts, but that of what follows shortly" if report.of_rollouts else "any velocity"
+    sentence = f"{subject} not lower the held-out error of {of}"
     return f"{sentence}, since {' and '.join(reasons)}" if all(reasons) else sentence
 
 
