@@ -55,15 +55,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Searched:
-    """What a search has found: the declared model, and one effect more in each that follows.
-
-    `others` are what it begins with beside other disturbances.
-    """
+    """What a search has found: the declared model, and one effect more in each that follows."""
 
     search: Search
     models: tuple[Model, ...]
     findings: tuple[Finding, ...]
-    others: tuple[Searched, ...] = ()
 
     def is_clearer(self, other: Searched) -> bool:
         """Whether the first effect explains surely more of what the declared model leaves."""
@@ -76,8 +72,7 @@ class Searched:
 
     def with_one_more(self, model: Model, finding: Finding) -> Searched:
         """The same with one effect more."""
-        more = (*self.models, model), (*self.findings, finding)
-        return Searched(self.search, *more, self.others)
+        return Searched(self.search, (*self.models, model), (*self.findings, finding))
 
     @property
     def standard(self) -> Model:
@@ -121,13 +116,14 @@ class Search:
     def run(self, declared: Law) -> Searched:
         """The declared model and those with one effect more each; the effects."""
         with progress(self.most, "rounds of the search", self.verbose) as bar:
-            starts = [self.disturbed(one).started(declared) for one in self.engine.disturbances]
+            *compared, largest = self.engine.disturbances
+            starts = [self.disturbed(one).started(declared) for one in compared]
+            if not any(one.findings for one in starts):
+                starts.append(self.disturbed(largest).started(declared))
             done = starts[0]
             for other in starts[1:]:
                 done = other if other.is_clearer(done) else done
             bar.update()
-            others = [one for one in starts if one is not done and one.findings]
-            done = replace(done, others=tuple(others))
             return done.went_on(bar.update) if done.findings else done
 
     def again(self, done: Searched, n_sound: int, refuted: PlacedEffect) -> Searched:
@@ -137,16 +133,13 @@ class Search:
             self, refuted=(*self.refuted, refuted), significance=self.significance / looks
         )
         if not n_sound:
-            known = [self._key(one) for one in other.refuted]
-            begun = [
-                one for one in done.others if self._key(one.findings[0].candidate) not in known
-            ]
-            if not begun:
-                return other.run(done.models[0].law)
-            first, *others = begun
-            own = replace(other, stretches=first.search.stretches)
-            return replace(first, search=own, others=tuple(others)).went_on(lambda: None)
-        sound = Searched(other, done.models[: n_sound + 1], done.findings[:n_sound], done.others)
+            declared, known = done.models[0].law, done.search.stretches.disturbance
+            for one in self.engine.disturbances:
+                begun = other.disturbed(one).started(declared) if one > known else None
+                if begun is not None and begun.findings:
+                    return begun.went_on(lambda: None)
+            return other.run(declared)
+        sound = Searched(other, done.models[: n_sound + 1], done.findings[:n_sound])
         return sound.went_on(lambda: None)
 
     def disturbed(self, disturbance: float) -> Search:

@@ -44,9 +44,9 @@ class Settings:
     settled: float = 0.05
     about: float = 3.0
     # of the noise, over the longest stretch: what ties leave free of a law, and of a rollout. A
-    # search goes on with a larger one if its first effect explains surely more beside that, or if
-    # that beside a smaller one is refuted: where little else disturbs a plant rollouts show most,
-    # elsewhere they go astray before it is seen
+    # search goes on with the second if its first effect explains surely more beside that, and with
+    # a larger one if a first effect is refuted, with the largest if there is none: where little
+    # else disturbs a plant rollouts show most, elsewhere they go astray before it is seen
     disturbances: tuple[float, ...] = (0.1, 1.0, 10.0)
     of_a_rollout: float = 0.01
     turns_of_starts: int = 10
