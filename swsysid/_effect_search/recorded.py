@@ -230,18 +230,22 @@ def searched_recordings(
     linear = linear_features(law.library(seen.X), seen.X)
     search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
     begun = RecordedOutcome(search, measured, split, declared, (), (), ())
-    outcome = _sound(begun, search.run(law))
+    # where something happens for some time in what was held out, that refutes what it hides
+    strict = not any(one.acts_once for one in search.library)
+    outcome = _sound(begun, search.run(law), strict)
     further = _with_events(outcome, significance)
-    if len(further.findings) > len(outcome.findings):
+    if strict:
+        return outcome
+    search, has_happened = outcome.search, len(further.findings) > len(outcome.findings)
+    if has_happened:
         # laws had bent to what happened: beside it shows what else there is, refuted before or not
-        search = replace(outcome.search, refuted=(), significance=significance / 2.0)
-        models = tuple(search.model(fit) for fit in further.models)
-        done = Searched(search, models, further.findings)
-        further = _sound(further, done.went_on(lambda: None))
-    return further
+        search = replace(search, refuted=(), significance=significance / 2.0)
+    models = tuple(search.model(fit) for fit in further.models)
+    done = Searched(search, models, further.findings)
+    return _sound(further, done.went_on(lambda: None) if has_happened else done, strict=True)
 
 
-def _sound(outcome: RecordedOutcome, done: Searched) -> RecordedOutcome:
+def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOutcome:
     """What a search has found and other stretches do not refute.
 
     What was found beside an effect that is refuted rests on it, and is looked for again.
@@ -254,7 +258,7 @@ def _sound(outcome: RecordedOutcome, done: Searched) -> RecordedOutcome:
         )
         outcome = _with_instants(outcome)
         listed = [one.candidate for one in outcome.findings]
-        outcome = _confirmed(outcome)
+        outcome = _confirmed(outcome, strict)
         tried += outcome.tried
         kept = [one.candidate for one in outcome.findings]
         both = zip(listed, kept, strict=False)  # one may have been found twice
@@ -312,13 +316,14 @@ def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
     return replace(outcome, models=models, findings=tuple(findings))
 
 
-def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
+def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
     """Without effects without which what was held out is predicted as well, the last ones first.
 
     What was held out took no part in any choice: it judges each effect once, beside all others, and
     what it says for or against it adds to the evidence of the stretches that were searched. A
     disturbance helps a law along, which by itself may go astray: free rollouts are no worse, too.
-    What acts once has been judged by all samples.
+    What acts once has been judged by all samples. If the judgement is not strict, an effect is
+    refuted only by what becomes surely worse.
     """
     stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
     last, engine, held_out = outcome.models[-1], outcome.search.engine, outcome.held_out
@@ -330,7 +335,8 @@ def _confirmed(outcome: RecordedOutcome) -> RecordedOutcome:
             judged = fall(*(engine.left_over(fit, held_out) for fit in (less, last)))
             free = [Left(engine.left_of(fit, held_out), held_out.series) for fit in (less, last)]
             p_value = min(1.0, p_value * np.exp(-judged.nats))
-            is_better = judged.share > 0.0 and not go_astray(free[0], free[1], significance)
+            least = 0.0 if strict else -judged.error
+            is_better = judged.share > least and not go_astray(free[0], free[1], significance)
             kept[place] = replace(kept[place], p_value=float(p_value))
         if not is_better or p_value > significance:
             before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))

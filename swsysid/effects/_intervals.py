@@ -129,7 +129,10 @@ class TimeInterval(Effect):
         self, records: Records, place: Place, theta: Sequence[float], coef: Array, left: Array
     ) -> tuple[Effect, tuple[float, ...]] | None:
         pair = self._pair(records, place, np.array(theta), coef, left) if self.ends else None
-        return None if pair is None else (TimeInterval(times=self.times + 1), (*theta, *pair))
+        if pair is None:
+            return None
+        spans = sorted([*_pairs(list(theta)), pair.tolist()])
+        return TimeInterval(times=self.times + 1), tuple(sum(spans, []))
 
     def _pair(
         self, records: Records, place: Place, taken: Array, coef: Array, left: Array
@@ -217,9 +220,9 @@ class TimeInterval(Effect):
         return np.ones(len(records)) if channel is None else records.channel(channel)
 
 
-def _pairs(theta: Sequence[float]) -> list[Sequence[float]]:
+def _pairs(theta: Sequence[float]) -> list[list[float]]:
     """Begin and end each time."""
-    return [theta[k : k + 2] for k in range(0, len(theta), 2)]
+    return [list(theta[k : k + 2]) for k in range(0, len(theta), 2)]
 
 
 def _name(number: int) -> str:

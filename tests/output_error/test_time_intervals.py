@@ -134,7 +134,7 @@ def test_several_intervals_of_one_change_are_found_by_turns():
     np.testing.assert_allclose(once, [240.0, 320.0], atol=4.0)
     left = left - TimeInterval().columns(records, 0, *once) * change
     again, theta = TimeInterval().once_more(records, 0, once, change, left)
-    np.testing.assert_allclose(theta, [240.0, 320.0, 40.0, 100.0], atol=4.0)
+    np.testing.assert_allclose(theta, [40.0, 100.0, 240.0, 320.0], atol=4.0)
     column = again.columns(records, 0, 239.5, 319.5, 39.5, 99.5)[:, 0]
     np.testing.assert_allclose(column, np.where(inside, x, 0.0))
     assert again.column_names("x", 40.0, 100.0, 240.0, 320.0) == (
