@@ -13,7 +13,8 @@ its `folds` to the judge. `recording` has the velocities of recorded states. `gr
 its `structures` are priced by `held_out` rows, its `candidates` by `regression` and `scan`, and
 `acceptance` by `evidence` and `chance`, with `coloured_noise` beneath them. `restarts` seeks modes
 anew, `switches` judges rows beside a switch, `unknown` and `formulas` what has no name,
-`disturbance` what follows nothing, `set_aside` rows that no law explains. Then what was found:
+`disturbance` what follows nothing, `set_aside` rows that no law explains. Recordings of one law are
+searched by `recorded_search` instead, and told by `recorded` and `recorded_report`. What was found:
 `findings`, `contributions`, `rollouts`, `contents`, and as a `report` in `words`, `text`, `display`
 and `page`. `settings` has the numbers.
 """

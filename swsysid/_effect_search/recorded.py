@@ -1,7 +1,6 @@
-"""A search in recordings of a plant with one law: from what was measured to what is reported.
+"""What a search in recordings of a plant with one law has found, as it is reported.
 
-Where several modes follow each other, velocities between their switches are searched (`outcome`);
-one law is rolled out freely instead, and a law of a quantity fitted to rows (`_output_error`).
+Errors of the models on what was searched and held out, effects with intervals and rivals.
 """
 
 from __future__ import annotations
@@ -14,24 +13,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.features import linear_features
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.contributions import beside_conventions, parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
-from swsysid._output_error.criterion import Left, as_good, fall
-from swsysid._output_error.engines import QUANTITIES, RATES
+from swsysid._output_error.criterion import as_good, fall
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
-from swsysid._output_error.search import Finding, Search, Searched
+from swsysid._output_error.search import Finding, Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid.effects import Effect, FoundEffect, PlacedEffect, RateEffect, Rival
-from swsysid.effects._kinematics import positions_along
+from swsysid.effects import FoundEffect, PlacedEffect, RateEffect, Rival
 
 
 @dataclass(frozen=True)
@@ -197,189 +192,6 @@ class RecordedOutcome:
                 error=float(self.left_of(other, self.held_out)[state]),
                 advice="a record in which the two would move the plant differently",
             )
-
-
-def is_of_one_law(declared: Declared, measured: Measured) -> bool:
-    """Whether recordings, or rows of a quantity, have one law in continuous time."""
-    is_measured = measured.recorded is not None or measured.records.static
-    is_one = declared.n_modes == 1 and declared.known is None
-    return is_measured and is_one and not declared.discrete_time
-
-
-def searched_recordings(
-    declared: JointFit,
-    measured: Measured,
-    split: Split,
-    effects: Sequence[Effect],
-    significance: float,
-    most: int,
-    verbose: bool,
-) -> RecordedOutcome:
-    """So many effects at most that recordings ask for, or rows of a quantity."""
-    seen = replace(measured.records, average=None, decoded_modes=None)
-    seen = replace(seen, rates=frozenset(seen.states))
-    if measured.recorded is None:
-        engine, quantity = QUANTITIES, measured.targets
-        stretches = Stretches.of(seen, seen, split.search, quantity)
-    else:
-        engine, stretches = RATES, Stretches.of(measured.recorded, seen, split.search)
-    law, moved = _declared_law(declared, stretches)
-    seen = replace(seen, positions=moved)
-    stretches = engine.stepped(law, replace(stretches, seen=seen))
-    targets = [state for state in range(law.n_states) if state not in moved]
-    linear = linear_features(law.library(seen.X), seen.X)
-    search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
-    begun = RecordedOutcome(search, measured, split, declared, (), (), ())
-    # where something happens for some time in what was held out, that refutes what it hides
-    strict = not any(one.acts_once for one in search.library)
-    outcome = _sound(begun, search.run(law), strict)
-    further = _with_events(outcome, significance)
-    if strict:
-        return outcome
-    search, has_happened = outcome.search, len(further.findings) > len(outcome.findings)
-    if has_happened:
-        # laws had bent to what happened: beside it shows what else there is, refuted before or not
-        search = replace(search, refuted=(), significance=significance / 2.0)
-    models = tuple(search.model(fit) for fit in further.models)
-    done = Searched(search, models, further.findings)
-    return _sound(further, done.went_on(lambda: None) if has_happened else done, strict=True)
-
-
-def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOutcome:
-    """What a search has found and other stretches do not refute.
-
-    What was found beside an effect that is refuted rests on it, and is looked for again.
-    """
-    tried = list(outcome.tried)
-    while True:
-        models = tuple(one.fit for one in done.models)
-        outcome = replace(
-            outcome, search=done.search, models=models, findings=done.findings, tried=()
-        )
-        outcome = _with_instants(outcome)
-        listed = [one.candidate for one in outcome.findings]
-        outcome = _confirmed(outcome, strict)
-        tried += outcome.tried
-        kept = [one.candidate for one in outcome.findings]
-        both = zip(listed, kept, strict=False)  # one may have been found twice
-        n_sound = next((k for k, (one, other) in enumerate(both) if one is not other), len(kept))
-        is_done = n_sound == len(kept) and (n_sound or not listed)
-        if is_done or len(done.search.refuted) == outcome.search.most:
-            return replace(outcome, tried=tuple(tried))
-        done = done.search.again(done, n_sound, listed[n_sound])
-
-
-def _with_events(outcome: RecordedOutcome, significance: float) -> RecordedOutcome:
-    """With what happened where a part was held out, and spoils what that part says otherwise.
-
-    Nothing else could predict it; its evidence is that of the samples in which it acts. What was
-    refuted before it was seen costs it nothing.
-    """
-    search, engine = outcome.search, outcome.search.engine
-    once = [one for one in search.library if one.acts_once]
-    if not once or len(outcome.findings) == search.most:
-        return outcome
-    whole = replace(search, stretches=outcome.every, library=once, significance=significance)
-    begun = tuple(whole.model(outcome.refitted(model.law)) for model in outcome.models)
-    found = Searched(whole, begun, outcome.findings).went_on(lambda: None)
-    more = (engine.fitted(model.law, search.stretches) for model in found.models[len(begun) :])
-    return replace(outcome, models=(*outcome.models, *more), findings=found.findings)
-
-
-def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
-    """What acts once, when, and how surely, as all samples show it.
-
-    It may begin or end where a part was held out, which the others do not tell then, nor what it is
-    that acts otherwise.
-    """
-    search, law = outcome.search, outcome.models[-1].law
-    library = [one for one in search.library if one.acts_once]
-    whole = replace(search, stretches=outcome.every, library=library, refuted=())
-    findings = list(outcome.findings)
-    for place, finding in enumerate(findings):
-        if not finding.candidate.effect.acts_once:
-            continue
-        rest, term = law.without(place), law.terms[place]
-        less, best = (whole.model(outcome.refitted(one)) for one in (rest, rest.beside([term])))
-        better = whole.round(less, less)
-        if better is not None and whole.gain(best, better[0]).share > 0.0:
-            best, term = better[0], better[0].law.terms[-1]
-        law = law.exchanged(place, term)
-        findings[place] = replace(finding, candidate=term, p_value=whole.p_value(less, best))
-    if law is outcome.models[-1].law:
-        return outcome
-    # a change that the searched part does not tell stays what all samples say
-    laws = [outcome.refitted(law).law]
-    for _ in findings:
-        laws.append(laws[-1].without(len(laws[-1].terms) - 1))
-    models = tuple(search.engine.fitted(one, search.stretches) for one in reversed(laws))
-    return replace(outcome, models=models, findings=tuple(findings))
-
-
-def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
-    """Without effects without which what was held out is predicted as well, the last ones first.
-
-    What was held out took no part in any choice: it judges each effect once, beside all others, and
-    what it says for or against it adds to the evidence of the stretches that were searched. A
-    disturbance helps a law along, which by itself may go astray: free rollouts are no worse, too.
-    What acts once has been judged by all samples. If the judgement is not strict, an effect is
-    refuted only by what becomes surely worse.
-    """
-    stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
-    last, engine, held_out = outcome.models[-1], outcome.search.engine, outcome.held_out
-    significance = outcome.search.significance
-    for place in reversed(range(len(kept))):
-        less = engine.fitted(last.law.without(place), stretches)
-        p_value, is_better = kept[place].p_value, True
-        if not kept[place].candidate.effect.acts_once:
-            judged = fall(*(engine.left_over(fit, held_out) for fit in (less, last)))
-            free = [Left(engine.left_of(fit, held_out), held_out.series) for fit in (less, last)]
-            p_value = min(1.0, p_value * np.exp(-judged.nats))
-            least = 0.0 if strict else -judged.error
-            is_better = judged.share > least and not go_astray(free[0], free[1], significance)
-            kept[place] = replace(kept[place], p_value=float(p_value))
-        if not is_better or p_value > significance:
-            before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
-            tried.append((kept.pop(place), before, after))
-            last = less
-    models = outcome.models
-    if tried:
-        laws = [last.law]
-        for _ in kept:
-            laws.append(laws[-1].without(len(laws[-1].terms) - 1))
-        models = (*(engine.fitted(law, stretches) for law in reversed(laws[1:])), last)
-    return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
-
-
-def go_astray(before: Left, after: Left, significance: float) -> bool:
-    """Whether rollouts become surely worse, or leave all bounds."""
-    diverge = before.is_bounded and not after.is_bounded
-    return diverge or not as_good(fall(after, before), significance)
-
-
-def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[int, int]]:
-    """The declared law, in which x' = v stands as it is, and positions with their velocities."""
-    laws, n_states = declared.laws, stretches.records.n_states
-
-    def library(X: Array) -> Array:
-        return np.asarray(laws.feature_map.at_rows(laws.seen(X)))
-
-    X = stretches.seen.X
-    features = library(X)
-    linear = linear_features(features, X)
-    sought = np.ones((n_states, features.shape[1]), dtype=bool)
-    known = np.zeros(sought.shape)
-    channels = stretches.seen.states
-    moved = {
-        q: v
-        for q, v in positions_along(stretches.seen, channels, stretches.parts).items()
-        if v in linear
-    }
-    for state, velocity in moved.items():
-        column, feature = X[:, velocity], linear[velocity]
-        sought[state] = False
-        known[state, feature] = column @ features[:, feature] / np.sum(features[:, feature] ** 2)
-    return Law.of(library, sought, known), moved
 
 
 def _of_columns(

@@ -28,8 +28,8 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import alarms, listed_effects, read_recordings, read_rows
-from swsysid._effect_search.recorded import is_of_one_law, searched_recordings
 from swsysid._effect_search.recorded_report import recorded_report
+from swsysid._effect_search.recorded_search import is_of_one_law, searched_recordings
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
