@@ -122,13 +122,16 @@ def evened(t: Array, x: Array) -> Array:
     further than half a tick from the times. `x` are the columns, (n_rows, n_columns).
 
     >>> t = np.arange(0.0, 1.0, 0.0083)
-    >>> np.abs(evened(np.round(t, 2), np.sin(t)[:, None]) - t).max() < 0.001
+    >>> bool(np.abs(evened(np.round(t, 2), np.sin(t)[:, None]) - t).max() < 0.001)
     True
     """
+    x = np.where(np.isfinite(x), x, np.nan)
     steps, moves = np.diff(t), np.abs(np.diff(x, axis=0))
     at_once = steps == 0.0
     if at_once.sum() < FEWEST_REPEATS or (steps < 0.0).any() or is_coarse(t, x):
         return t
+    told = [np.isfinite(moves[some]).any(axis=0) for some in (at_once, ~at_once)]
+    moves = moves[:, told[0] & told[1]]
     within, between = (np.nanmedian(moves[some], axis=0) for some in (at_once, ~at_once))
     moving = between > 0.0
     is_usual = (0.5 * between < within) & (within < 2.0 * between)

@@ -101,13 +101,15 @@ def _with_events(outcome: RecordedOutcome, significance: float) -> RecordedOutco
     """With what happened where a part was held out, and spoils what that part says otherwise.
 
     Nothing else could predict it; its evidence is that of the samples in which it acts. What was
-    refuted before it was seen costs it nothing.
+    refuted before it was seen costs it nothing. That it is likely is enough here: what it has
+    hidden makes it sure or not, once that is in the law.
     """
     search, engine = outcome.search, outcome.search.engine
     once = [one for one in search.library if one.acts_once]
     if not once or len(outcome.findings) == search.most:
         return outcome
-    whole = replace(search, stretches=outcome.every, library=once, significance=significance)
+    likely = float(np.sqrt(significance))
+    whole = replace(search, stretches=outcome.every, library=once, significance=likely)
     begun = tuple(whole.model(outcome.refitted(model.law)) for model in outcome.models)
     found = Searched(whole, begun, outcome.findings).went_on(lambda: None)
     more = (engine.fitted(model.law, search.stretches) for model in found.models[len(begun) :])

@@ -58,9 +58,7 @@ def candidates(
         if not _changes_the_law(effect) or effect.missing(records) is not None:
             continue
         for place in effect.places(records):
-            ranges = effect.parameters(records, place)
-            values = np.meshgrid(*(one.values for one in ranges), indexing="ij")
-            grid = np.stack(values, -1).reshape(-1, len(ranges)) if ranges else np.zeros((1, 0))
+            grid = effect.grid(records, place)
             if not len(grid):
                 continue
             for target in targets:

@@ -194,6 +194,11 @@ class Search:
             and self.gain(first, one).share - done >= self._least(one)
             and self._pays(now, one, 1.0)
         ]
+        # what acts once pays for its choices, and is no simpler or harder than another time
+        happened = [one for one in models if one.law.terms[-1].effect.acts_once]
+        if happened:
+            likeliest = least_of(happened, lambda one: self._log_p_value(now, one))
+            models = [one for one in models if one is likeliest or one not in happened]
         found = self._chosen(models, now)
         if found is None:
             return None
@@ -296,14 +301,20 @@ class Search:
         return fall(before.unseen, after.unseen)
 
     def p_value(self, now: Model, model: Model) -> float:
-        """Of a last effect, for all that could have been chosen in its place.
+        """Of a last effect, for all that could have been chosen in its place."""
+        return float(np.exp(min(0.0, self._log_p_value(now, model))))
+
+    def _log_p_value(self, now: Model, model: Model) -> float:
+        """Its logarithm, or more than 0.
 
         Every kind is as likely as any other, and one of sixty monomials less than one lag.
         """
         gained, own = self.gain(now, model), model.law.terms[-1].effect
         kinds = Counter(one.placed.effect.kind for one in self.candidates)
-        count = len(self.engine.disturbances) * len(kinds) * max(1, kinds[own.kind])
-        return min(1.0, count * own.choices(self.stretches.seen, gained.count) * gained.p_value)
+        *compared, _ = self.engine.disturbances  # the last one is asked if these show nothing
+        asked = len(compared) + (self.stretches.disturbance not in compared)
+        count = asked * len(kinds) * max(1, kinds[own.kind])
+        return float(np.log(count * own.choices(self.stretches.seen, gained.count)) - gained.nats)
 
     def _least(self, model: Model) -> float:
         """Share of what the declared law has left that is worth telling.

@@ -143,6 +143,12 @@ class Effect(BaseEstimator):
         """
         return 1.0
 
+    def grid(self, records: Records, place: Place) -> Array:
+        """All nonlinear parameters of a scan, (n_values, n_theta)."""
+        ranges = self.parameters(records, place)
+        values = np.meshgrid(*(one.values for one in ranges), indexing="ij")
+        return np.stack(values, -1).reshape(-1, len(ranges)) if ranges else np.zeros((1, 0))
+
     def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """The values of a scan, (n_values, n_theta), that may explain what is left of some targets.
 

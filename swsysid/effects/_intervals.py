@@ -64,13 +64,14 @@ class TimeInterval(Effect):
         return list(product(channels, names))
 
     def choices(self, records: Records, count: float) -> float:
-        """Pairs of samples of a recording, and a coefficient that it may have all for itself.
+        """Pairs of samples of a recording or one, and a coefficient that it may have for itself.
 
         Of samples that are worth independent ones: instants between them tell nothing apart.
         """
         longest = max(len(rows) for rows in records.trajectories)
         samples = max(1.0, count * longest / len(records))
-        return float((0.5 * samples**2) ** self.times * np.sqrt(samples))
+        spans = 0.5 * samples**2 if self.ends else samples
+        return float(spans**self.times * np.sqrt(samples))
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Instants of the recording, and some before and after it."""
@@ -84,6 +85,10 @@ class TimeInterval(Effect):
         return tuple(
             Parameter(name + count, instants, "{time}") for count in counts for name in names
         )
+
+    def grid(self, records: Records, place: Place) -> Array:
+        """The instants: all pairs of them are scanned at once."""
+        return np.array(self.parameters(records, place)[0].values)[:, None]
 
     def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """The one that explains most."""
@@ -118,8 +123,7 @@ class TimeInterval(Effect):
             own = self._boxes(records, place, others) - self._boxes(records, place, rest)
             shown = left + np.where(judged, own[:, None] * coef, 0.0)
             if self.times == 1:
-                grid = np.array(self.parameters(records, place)[0].values)[:, None]
-                listed = self.shortlist(records, place, grid, shown)
+                listed = self.shortlist(records, place, self.grid(records, place), shown)
                 others = listed[0] if len(listed) else others
             elif (pair := self._pair(records, place, rest, coef, shown)) is not None:
                 others[k : k + size] = pair
