@@ -144,13 +144,12 @@ class PlacedEffect:
         return self.effect.shortened(records, self.place, *self.theta)
 
     def renumbered(self, order: Modes) -> PlacedEffect:
-        """The same with modes by other numbers; `order` holds the new number of each."""
+        """The same by new numbers of the modes; one that is there no more keeps its own."""
+        new = {old: int(number) for old, number in enumerate(order)}
         place, mode = self.place, self.mode
         if isinstance(self.effect, ResetEffect):
-            place = int(order[place[0]]), int(order[place[1]])
-        if mode is not None and mode < len(order):  # not of a mode that is there no more
-            mode = int(order[mode])
-        return replace(self, place=place, mode=mode)
+            place = new.get(place[0], place[0]), new.get(place[1], place[1])
+        return replace(self, place=place, mode=None if mode is None else new.get(mode, mode))
 
 
 # -- what a search has found -----------------------------------------------------------------------

@@ -9,6 +9,7 @@ from swsysid._noise import STUDENT, robust_scale
 from swsysid.effects import (
     AsymmetricFriction,
     Backlash,
+    Bias,
     ClockLag,
     CoulombFriction,
     DeadZone,
@@ -20,9 +21,11 @@ from swsysid.effects import (
     Lag,
     Overflow,
     PeriodicForcing,
+    PlacedEffect,
     Polynomial,
     PowerLaw,
     QuadraticDrag,
+    Reset,
     Saturation,
     SensorOffset,
     StribeckFriction,
@@ -282,3 +285,12 @@ def test_a_threshold_that_one_side_alone_reaches_is_scanned():
     u = np.concatenate([np.linspace(-4.0, 0.0, 50), np.linspace(0.0, 10.0, 100)])
     (parameter,) = Saturation().parameters(records(np.column_stack([u, u]), n_states=1), 1)
     assert parameter.values.max() == pytest.approx(9.5, abs=0.1)  # 95 % of the longer side
+
+
+def test_modes_that_are_there_no_more_keep_their_numbers():
+    order = np.array([1, 0])
+    reset = PlacedEffect(Reset(), (0, 2), 0, theta=(-0.8,))
+    assert reset.renumbered(order).place == (1, 2)
+    assert PlacedEffect(Bias(), "constant", 0, mode=1).renumbered(order).mode == 0
+    assert PlacedEffect(Bias(), "constant", 0, mode=2).renumbered(order).mode == 2
+    assert PlacedEffect(Bias(), "constant", 0).renumbered(order).mode is None
