@@ -87,6 +87,13 @@ class _View:
         unit = unit_of(f"d/dt {name}" if is_rate else name, self.units)
         return f"{words.law_of(name, report)} [{unit}]" if unit else words.law_of(name, report)
 
+    def judged(self, state: int) -> str:
+        """What errors are of, with its unit: a state that was rolled out, or its velocity."""
+        if not self.report.of_rollouts:
+            return self.rate(state)
+        name, unit = self.report.targets[state], words.judged_unit(self.report, state, self.units)
+        return f"{name} [{unit}]" if unit else name
+
     @property
     def rates(self) -> list[str]:
         """The velocities of all states."""
@@ -108,7 +115,8 @@ class _View:
 
 def _errors(view: _View) -> Iterable[str]:
     report = view.report
-    yield paragraph("Root mean square error of the prediction of each state equation.")
+    of = "free rollouts" if report.of_rollouts else "the prediction of each state equation"
+    yield paragraph(f"Root mean square error of {of}.")
     rows: list[list[object]] = []
     for row in report.errors:
         each = zip(row["held_out"], report.errors[0]["held_out"], report.targets, strict=True)
@@ -117,12 +125,13 @@ def _errors(view: _View) -> Iterable[str]:
             for own, before, name in each
         )
         rows.append([row["model"], *errors])
-    yield table(["model", *view.rates], rows, kind="ladder")
+    judged = [view.judged(state) for state in range(len(report.targets))]
+    yield table(["model", *judged], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
     known = np.array([name not in report.exact for name in report.targets])
     shares = 1.0 - np.divide(last, first, out=np.ones_like(first), where=known)
     lower = [
-        f"{view.rate(state)}: {shares[state]:.0%} lower"
+        f"{judged[state]}: {shares[state]:.0%} lower"
         for state in np.flatnonzero(shares > REPORT.worth_telling).tolist()
     ]
     if lower:
@@ -136,7 +145,7 @@ def _effects(view: _View) -> Iterable[str]:
 
 
 def _effect(view: _View, number: int, effect: FoundEffect) -> Iterable[str]:
-    target = view.rate(effect.target)
+    target = view.judged(effect.target)
     yield paragraph(words.sentence(effect.meaning, view.data.records.names))
     if effect.placed.effect.terms:
         yield paragraph(f"Term: {effect.formula}")

@@ -21,6 +21,8 @@ from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, figure
 
+_LEVEL = 0.01  # of its size: a channel that moves by less is the level to a hundredth
+
 
 class TimeInterval(Effect):
     """``change * x`` from `begin` until `end`: another coefficient, or level, for some time.
@@ -56,8 +58,11 @@ class TimeInterval(Effect):
 
     def places(self, records: Records) -> Sequence[Place]:
         """The level and every channel that is not all level, in each recording."""
-        every = (*records.states, *records.inputs)
-        channels = ["level", *(one for one in every if np.ptp(records.channel(one)) > 0.0)]
+        channels: list[Place] = ["level"]
+        for one in (*records.states, *records.inputs):
+            values = records.channel(one)
+            if values.std() > _LEVEL * np.abs(values).mean():
+                channels.append(one)
         if len(records.trajectories) == 1:
             return channels
         names = [_name(number) for number in range(len(records.trajectories))]

@@ -99,6 +99,7 @@ def test_a_lid_that_is_opened_twice_and_bends_the_law():
     assert after < 0.25 * before
     assert " x0 from t = 300 to 4" in effect.formula
     assert " and from 1190 to 12" in effect.formula
+    assert "Root mean square error of free rollouts" in search.report_.to_html()
 
 
 def test_a_lag_shows_once_what_happened_is_known():
@@ -120,6 +121,13 @@ def test_a_lag_shows_once_what_happened_is_known():
     # in a recording that was held out, too, in which the lid was open
     before, *_, after = errors(search)
     assert after < 0.05 * before
+
+
+def test_what_hardly_moves_is_the_level():
+    t = np.arange(200.0)
+    X = np.column_stack([np.sin(t), 21.4 + 1e-3 * np.sin(t)])
+    records = make_records(X, 1, t=t, names=["T", "T_room"])
+    assert TimeInterval().places(records) == ["level", 0]
 
 
 def test_several_intervals_of_one_change_are_found_by_turns():
