@@ -88,11 +88,8 @@ class _View:
         return f"{words.law_of(name, report)} [{unit}]" if unit else words.law_of(name, report)
 
     def judged(self, state: int) -> str:
-        """What errors are of, with its unit: a state that was rolled out, or its velocity."""
-        if not self.report.of_rollouts:
-            return self.rate(state)
-        name, unit = self.report.targets[state], words.judged_unit(self.report, state, self.units)
-        return f"{name} [{unit}]" if unit else name
+        """What errors are of, with its unit."""
+        return words.judged_with_unit(self.report, state, self.units)
 
     @property
     def rates(self) -> list[str]:

@@ -61,16 +61,16 @@ def searched_recordings(
     # where something happens for some time in what was held out, that refutes what it hides
     strict = not any(one.acts_once for one in search.library)
     outcome = _sound(begun, search.run(law), strict)
-    further = _with_events(outcome, significance)
     if strict:
         return outcome
+    further = _with_events(outcome, significance)
     search, has_happened = outcome.search, len(further.findings) > len(outcome.findings)
     if has_happened:
         # laws had bent to what happened: beside it shows what else there is, refuted before or not
         search = replace(search, refuted=(), significance=significance / 2.0)
     models = tuple(search.model(fit) for fit in further.models)
     done = Searched(search, models, further.findings)
-    return _sound(further, done.went_on(lambda: None) if has_happened else done, strict=True)
+    return _sound(further, done.went_on() if has_happened else done, strict=True)
 
 
 def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOutcome:
@@ -106,12 +106,12 @@ def _with_events(outcome: RecordedOutcome, significance: float) -> RecordedOutco
     """
     search, engine = outcome.search, outcome.search.engine
     once = [one for one in search.library if one.acts_once]
-    if not once or len(outcome.findings) == search.most:
+    if len(outcome.findings) == search.most:
         return outcome
     likely = float(np.sqrt(significance))
     whole = replace(search, stretches=outcome.every, library=once, significance=likely)
     begun = tuple(whole.model(outcome.refitted(model.law)) for model in outcome.models)
-    found = Searched(whole, begun, outcome.findings).went_on(lambda: None)
+    found = Searched(whole, begun, outcome.findings).went_on()
     more = (engine.fitted(model.law, search.stretches) for model in found.models[len(begun) :])
     return replace(outcome, models=(*outcome.models, *more), findings=found.findings)
 
@@ -139,10 +139,8 @@ def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
     if law is outcome.models[-1].law:
         return outcome
     # a change that the searched part does not tell stays what all samples say
-    laws = [outcome.refitted(law).law]
-    for _ in findings:
-        laws.append(laws[-1].without(len(laws[-1].terms) - 1))
-    models = tuple(search.engine.fitted(one, search.stretches) for one in reversed(laws))
+    laws = outcome.refitted(law).law.ladder
+    models = tuple(search.engine.fitted(one, search.stretches) for one in laws)
     return replace(outcome, models=models, findings=tuple(findings))
 
 
@@ -174,10 +172,7 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
             last = less
     models = outcome.models
     if tried:
-        laws = [last.law]
-        for _ in kept:
-            laws.append(laws[-1].without(len(laws[-1].terms) - 1))
-        models = (*(engine.fitted(law, stretches) for law in reversed(laws[1:])), last)
+        models = (*(engine.fitted(law, stretches) for law in last.law.ladder[:-1]), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
 
 

@@ -18,7 +18,9 @@ from swsysid._effect_search.words import (
     explained,
     first_of,
     interval,
+    judged,
     judged_unit,
+    judged_with_unit,
     law_of,
     probability,
     when,
@@ -101,11 +103,6 @@ def _instead(errors: Sequence[Array], state: int, unit: str = "") -> str:
     return f"{low} {unit} instead of {high} {unit}" if unit else f"{low} instead of {high}"
 
 
-def _judged(report: EffectContents, name: str) -> str:
-    """What errors are of: a state that was rolled out, or its velocity."""
-    return name if report.of_rollouts else law_of(name, report)
-
-
 def _modes_are_sure(report: EffectContents) -> bool:
     return report.data is None or bool(report.data.mode_known.all())
 
@@ -158,7 +155,7 @@ def _risen(report: EffectContents) -> list[str]:
         return []
     both = zip(report.targets, *(report.errors[end]["held_out"] for end in (0, -1)), strict=True)
     risen = [
-        f"{_judged(report, name)} ({after:.4g} instead of {before:.4g}"
+        f"{judged(report, name)} ({after:.4g} instead of {before:.4g}"
         f"{_on_the_surface(report, state)})"
         for state, (name, before, after) in enumerate(both)
         if name not in report.exact and after > (1.0 + REPORT.worth_telling) * before
@@ -258,7 +255,7 @@ def not_kept(report: EffectContents) -> list[str]:
     return [
         f"{one['effect']}: {probability(one['p_value'])}; held-out error "
         + ", ".join(
-            f"{_judged(report, name)} {before:.4g} -> {after:.4g}"
+            f"{judged(report, name)} {before:.4g} -> {after:.4g}"
             for name, before, after in zip(report.targets, one["before"], one["after"], strict=True)
         )
         + _of_rollouts(one["rollouts"])
@@ -348,9 +345,7 @@ def _errors(report: EffectContents, units: Units) -> list[str]:
         exact = name in report.exact  # where rounding is left
         every = [row["held_out"][state] for row in report.errors]
         errors = ["exact" if exact else error(one, every[0]) for one in every]
-        unit = judged_unit(report, state, units)
-        title = _judged(report, name)
-        columns.append((f"{title} [{unit}]" if unit else title, ">12", errors))
+        columns.append((judged_with_unit(report, state, units), ">12", errors))
     return text_table(columns, gap="  ")
 
 

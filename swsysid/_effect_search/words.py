@@ -42,8 +42,8 @@ def effect_title(effect: FoundEffect | Rival, report: EffectContents) -> str:
 
 def when(effect: FoundEffect) -> str:
     """From when to when it acts, "" of one that always does."""
-    instants = effect.formula.partition(" from ")[2]
-    return f", from {instants}" if effect.placed.effect.acts_once else ""
+    told = effect.placed.effect.when(effect.parameters)
+    return f", {told}" if told else ""
 
 
 def law_of(name: str, report: EffectContents) -> str:
@@ -80,6 +80,17 @@ def judged_unit(report: EffectContents, state: int, units: Units) -> str:
     name = report.targets[state]
     is_rate = not (report.of_rollouts or report.discrete or report.static)
     return unit_of(f"d/dt {name}" if is_rate else name, units) or ""
+
+
+def judged(report: EffectContents, name: str) -> str:
+    """What errors are of: a state that was rolled out, or what its law gives."""
+    return name if report.of_rollouts else law_of(name, report)
+
+
+def judged_with_unit(report: EffectContents, state: int, units: Units) -> str:
+    """The same with its unit, where that is known."""
+    name, unit = judged(report, report.targets[state]), judged_unit(report, state, units)
+    return f"{name} [{unit}]" if unit else name
 
 
 def sentence(text: str, names: Sequence[str]) -> str:

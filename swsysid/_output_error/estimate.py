@@ -185,7 +185,7 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
         states = np.concatenate(
             [course.at(t) for course, t in zip(start, recordings.times, strict=True)]
         )
-    return Estimate(law.laws(stretches, spread), nodes, states), spread
+    return Estimate(law.laws(stretches, spread, further), nodes, states), spread
 
 
 class Rollouts(Estimate):

@@ -91,6 +91,14 @@ class Law:
         ends = np.cumsum([self.declared.shape[1], *(len(t.effect.terms) for t in self.terms)])
         return [slice(low, high) for low, high in pairwise(ends.tolist())]
 
+    @property
+    def ladder(self) -> list[Law]:
+        """The law without its effects, and with one more each, up to itself."""
+        laws = [self]
+        for place in reversed(range(len(self.terms))):
+            laws.append(laws[-1].without(place))
+        return laws[::-1]
+
     def without(self, place: int) -> Law:
         """The same law without one of its effects."""
         kept = np.ones(self.coef.shape[1], dtype=bool)
@@ -129,16 +137,20 @@ class Law:
             columns.append(term.effect.columns(unit, term.place, *term.theta))
         return np.hstack(columns)
 
-    def told(self, seen: Records, rows: Rows) -> NDArray[np.bool_]:
+    def told(self, further: Array, seen: Records, rows: Rows) -> NDArray[np.bool_]:
         """Coefficients of which some rows of records say anything, of the shape of `coef`.
 
-        What remembers and acts at none of them keeps the coefficient that it has.
+        What remembers, in `further` columns, and acts at none of them keeps the coefficient that it
+        has.
         """
-        told = np.ones(self.coef.shape, dtype=bool)
+        told, place = np.ones(self.coef.shape, dtype=bool), 0
         for term, own in zip(self.terms, self.columns_of, strict=True):
             if remembers(term):
-                columns = term.effect.columns(seen, term.place, *term.theta)
-                told[:, own] = columns[rows].any(axis=0)
+                columns = further[rows, place : place + len(term.effect.terms)]
+                channel = term.effect.proportional_to(term.place)
+                factor = 1.0 if channel is None else seen.channel(channel)[rows, None]
+                told[:, own] = (columns * factor).any(axis=0)
+                place += len(term.effect.terms)
         return told
 
     @property
@@ -161,11 +173,11 @@ class Law:
         """What the law says of the rates of records, (n_samples, n_states)."""
         return shaped(self.terms, self.columns(seen) @ self.coef.T, seen.X)
 
-    def laws(self, stretches: Stretches, spread: Array) -> Laws:
+    def laws(self, stretches: Stretches, spread: Array, further: Array) -> Laws:
         """Vector field of states, inputs, signals and further columns."""
         breaks = self.breaks
         features = self._features(stretches.seen, breaks, spread)
-        free = self.free & self.told(stretches.seen, stretches.rows)
+        free = self.free & self.told(further, stretches.seen, stretches.rows)
         arguments = self.coef[None], features, spread, free[None]
         shapes, bounds = self._shapes_and_bounds()
         if breaks:

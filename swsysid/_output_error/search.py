@@ -83,7 +83,7 @@ class Searched:
         happened = [one.candidate.effect.acts_once for one in self.findings]
         return self.models[[*happened, False].index(False)]
 
-    def went_on(self, after_each: Callable[[], None]) -> Searched:
+    def went_on(self, after_each: Callable[[], None] = lambda: None) -> Searched:
         """The same with every further effect that is worth it."""
         done = self
         while len(done.findings) < self.search.most:
@@ -137,10 +137,10 @@ class Search:
             for one in self.engine.disturbances:
                 begun = other.disturbed(one).started(declared) if one > known else None
                 if begun is not None and begun.findings:
-                    return begun.went_on(lambda: None)
+                    return begun.went_on()
             return other.run(declared)
         sound = Searched(other, done.models[: n_sound + 1], done.findings[:n_sound])
-        return sound.went_on(lambda: None)
+        return sound.went_on()
 
     def disturbed(self, disturbance: float) -> Search:
         """The same search for a law with another disturbance."""

@@ -261,6 +261,10 @@ class Effect(BaseEstimator):
         of = "" if label in NOWHERE else f" of {label}"
         return f"{self.kind.replace('_', ' ')}{of}" + (f" ({listed})" if listed else "")
 
+    def when(self, parameters: Mapping[str, float]) -> str:
+        """From when to when it acts; "" of one that always does."""
+        return ""
+
     def describe(self, label: str, target: str) -> str:
         """What the effect means physically, in one sentence."""
         return self.meaning.format(channel=label, target=target)

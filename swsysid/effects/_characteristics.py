@@ -64,8 +64,10 @@ class OfRates(Effect):
 
     def elsewhere(self, records: Records) -> Sequence[Effect]:
         """Of a law that gives no rate, on the rates of positions."""
-        named = [one for one in self.get_params().values() if one not in (None, True, False)]
-        if named or not (records.static and records.timed):
+        given = [one for one in self.get_params().values() if one is not None]
+        if any(not isinstance(one, bool) for one in given) or not (
+            records.static and records.timed
+        ):
             return []
         channels = [*records.variables, *records.signal_channels]
         moved = positions_along(records, channels, records.trajectories)

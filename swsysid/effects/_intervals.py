@@ -121,6 +121,7 @@ class TimeInterval(Effect):
     def rescanned(
         self, records: Records, place: Place, theta: Sequence[float], coef: Array, left: Array
     ) -> Sequence[float]:
+        # once the change is free; of several it is that of the others
         judged = (left != 0.0).any(axis=1, keepdims=True)
         others, size = np.array(theta), 2 if self.ends else 1
         for k in range(0, len(others), size):
@@ -205,11 +206,13 @@ class TimeInterval(Effect):
             return f"{acts} for some time: a lid that was opened, a load that came and went"
         return f"{acts} from an instant on: a fan started, a load came"
 
-    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+    def when(self, parameters: Mapping[str, float]) -> str:
         theta = [one for name, one in parameters.items() if name != "change"]
         spans = [" to ".join(map(figure, pair)) for pair in _pairs(theta)]
-        times = " and from ".join(spans) + ("" if self.ends else " on")
-        return f"{figure(parameters['change'])} {label} from t = {times}"
+        return f"from t = {' and from '.join(spans)}" + ("" if self.ends else " on")
+
+    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+        return f"{figure(parameters['change'])} {label} {self.when(parameters)}"
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         spans = [" < t < ".join(map(figure, pair)) for pair in _pairs(theta)]

@@ -5,11 +5,13 @@ import pytest
 
 from swsysid._data.records import make_records
 from swsysid._output_error.candidates import Candidate
+from swsysid._output_error.engines import RATES
 from swsysid._output_error.estimate import fitted
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import RolloutScore, scores, shortlist
+from swsysid._output_error.search import Search
 from swsysid._output_error.stretches import Stretches
-from swsysid.effects import Bias, PlacedEffect, QuadraticDrag
+from swsysid.effects import Bias, PlacedEffect, Polynomial, QuadraticDrag
 
 
 def decays(drag=0.03, seed=0):
@@ -53,3 +55,18 @@ def test_what_explains_nothing_is_not_estimated(declared):
     with_drag = fitted(fit.law.beside([PlacedEffect(QuadraticDrag(), 0, 0)]), stretches)
     bias = Candidate(PlacedEffect(Bias(), "constant", 0), np.zeros((1, 0)))
     assert shortlist(with_drag.law, scores(with_drag), stretches, [bias]) == []
+
+
+def test_every_kind_is_as_likely_as_any_other(declared):
+    """Two disturbances, three kinds, and of one kind as many as there are places for it."""
+    stretches, fit = declared
+    library = [Bias(), QuadraticDrag(), Polynomial()]
+    search = Search(RATES, stretches, library, [0], {}, significance=0.01, most=1)
+    now = search.model(fit)
+    count = sum(one.placed.effect.kind == "polynomial" for one in search.candidates)
+    assert count > 1
+    for effect, place, own in ((QuadraticDrag(), 0, 1), (Polynomial(), (0, 0, 0), count)):
+        law = fit.law.beside([PlacedEffect(effect, place, 0)])
+        model = search.model(fitted(law, stretches, fit.courses, fit.noise, turns=1))
+        chance = search.gain(now, model).p_value
+        assert search.p_value(now, model) == pytest.approx(min(1.0, 2 * 3 * own * chance))
