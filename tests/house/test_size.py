@@ -19,8 +19,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # Up to the next ten; `top` are the files beside the rooms. The command line asks what one law lacks
 # (`_cli`), laws of many steps are asked at once (`_data`), and the search says what is explained of
 # the error above the noise and lets what happened speak before it judges (`_effect_search`),
-# several times if it happened so often (`effects`, which say when; `_output_error`, where a law with
-# one effect more each is made once).
+# several times if it happened so often (`effects`, which say when; `_output_error`, which makes
+# laws with one effect more each).
 MOST_LINES = {
     "_automaton": 2860,
     "_automaton_search": 4600,
