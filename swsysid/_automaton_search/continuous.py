@@ -79,13 +79,15 @@ def identified(
     settings: StaySettings,
     told: Callable[[], object],
     *,
+    order: int = 1,
     refine: bool = True,
 ) -> IdentifiedAutomaton:
-    """The automaton of some recordings; `terms` are those of the guards.
+    """The automaton of some recordings, of order 2 of positions; `terms` are those of the guards.
 
     It is refined unless the recordings have no noise.
     """
-    origin = Origin.of(given, estimator)
+    origin = Origin.of(given, estimator, order)
+    given = given.with_rates(order)
     counted = origin.counted(given)
     found = _identified(estimator, counted, terms, settings, told, origin, refine=refine)
     return told_from(origin, found, given, estimator.feature_library)
@@ -199,7 +201,7 @@ def _answer(
         modes,
         told.states,
         switch_times_of(told.changes, len(given.records)),
-        told.left,
+        told.left[: given.sensed.n_channels],
         _excess(search.excess(stays), given, told, noise),
         verdicts_of(
             told.real,
@@ -210,7 +212,7 @@ def _answer(
             partial(guard_elsewhere, origin),
         ),
         rollouts,
-        (*shared(found), *noise.sentences(automaton.state_names)),
+        (*shared(found), *noise.sentences(automaton.state_names[: len(noise.channels)])),
         candidates,
         n_unexplained=sum(int((own < 0).sum()) for own in told.modes),
         refinement=refinement,
@@ -239,15 +241,26 @@ def _rolled_out(
 ) -> tuple[FreeRollouts, SampleNoise]:
     modes = [np.argsort(found.order)[filled(own)] for own in told.modes]
     switches = switches_by_recording(told.changes, found.order, len(given.records))
-    return judged(found.automaton, without_limits(given), modes, told.states, switches, noise)
+    given = _followed(without_limits(given), told)
+    return judged(found.automaton, given, modes, told.states, switches, noise)
+
+
+def _followed(given: Given, told: Told) -> Given:
+    """Recordings in which samples that follow no law count as missing: they are told apart."""
+    records = [
+        replace(record, y=np.where(own[:, None] < 0, np.nan, record.y))
+        for record, own in zip(given.records, told.modes, strict=True)
+    ]
+    return replace(given, records=records)
 
 
 def _excess(usual: Array, given: Given, told: Told, noise: SampleNoise) -> float:
     """What the laws leave of a state, in units of its noise: of each sample where that differs."""
-    labels = map(label_text, given.labels)
+    labels, given = map(label_text, given.labels), given.sensed
+    own = [states[:, : given.n_channels] for states in told.states]
     left = [
         (record.y - states) / noise.at(states, label)
-        for record, states, label in zip(given.records, told.states, labels, strict=True)
+        for record, states, label in zip(given.records, own, labels, strict=True)
     ]
     by_sample = np.sqrt(np.nanmean(np.square(np.vstack(left)), axis=0))
     differs = [channel.differs for channel in noise.channels]
@@ -315,7 +328,8 @@ def _search(
     settings: StaySettings,
     told: Callable[[], object],
 ) -> Search:
-    return Search(estimator, pieces.given, 1, None, settings, told, surfaces=False)
+    given = pieces.given
+    return Search(estimator, given.sensed, given.order, None, settings, told, surfaces=False)
 
 
 def _jumps(

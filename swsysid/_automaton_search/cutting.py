@@ -32,7 +32,7 @@ from swsysid._stays.count import CountCandidate, criterion, fewest_modes
 from swsysid._stays.decoding import decode
 from swsysid._stays.descent import most_likely
 from swsysid._stays.filtering import FlowFilter
-from swsysid._stays.given import FEWEST_SAMPLES, Given
+from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.intervals import flow
 from swsysid._stays.laws import Laws
@@ -127,14 +127,15 @@ class Cutting:
     def _jumping(self, at: Pieced, found: StayIdentification) -> Cut:
         """The answer with further jumps, as long as they are worth it."""
         cut = first = Cut(at.jumps, at.pieces, at.search, found)
+        most = SETTINGS.excess(self.given.n_samples)
         for _ in range(SETTINGS.most_rounds):
             further = self._further(cut)
             if further is None:
                 break
             cut = further
-            if cut.excess > SETTINGS.most_excess:  # more is missing than jumps
+            if cut.excess > most:  # more is missing than jumps
                 break
-        if cut is not first and cut.excess <= SETTINGS.most_excess:
+        if cut is not first and cut.excess <= most:
             cut = self._told_anew(cut, cut.stays)
         self.answers.append(cut)
         return cut
@@ -163,10 +164,11 @@ class Cutting:
         return Cut(at.jumps, at.pieces, search, stays)
 
     def _at(self, jumps: list[NDArray[np.intp]]) -> Pieced:
-        pieces = cut_at(self.given, jumps)
+        pieces = cut_at(self.given, jumps, SETTINGS.fewest_of_a_stay)
         search = Search(
-            self.estimator, pieces.given, 1, None, self.settings, self.told, surfaces=False
-        )
+            self.estimator, pieces.given.sensed, self.given.order, None, self.settings, self.told,
+            surfaces=False,
+        )  # fmt: skip
         return Pieced(jumps, pieces, search)
 
     def _of(self, found: StayIdentification) -> Cut:
@@ -207,7 +209,7 @@ def _apart(jumps: NDArray[np.intp]) -> NDArray[np.intp]:
     """
     kept = jumps[np.diff(jumps, prepend=-np.inf) > 1]
     after, before = np.diff(kept, append=np.inf), np.diff(kept, prepend=-np.inf)
-    return kept[np.minimum(before, after) >= FEWEST_SAMPLES]
+    return kept[np.minimum(before, after) >= SETTINGS.fewest_of_a_stay]
 
 
 def better_places(

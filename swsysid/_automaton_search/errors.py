@@ -62,6 +62,8 @@ class AutomatonErrors:
             for state, name in enumerate(automaton.state_names):
                 terms = _beyond(rounding[state] / sizes, coef[state], errors[state])
                 left = f"{name}[k+1]" if automaton.discrete_time else rate(name, "text")
+                if _is_named(left, coef[state], list(feature_map.names_out)):
+                    continue  # q' = 1.0 q' says nothing
                 right = sum_with_errors(*terms, list(feature_map.names_out))
                 lines.append(f"mode {mode}: {left} = {right}")
         return lines
@@ -74,6 +76,12 @@ class AutomatonErrors:
             line = f"mode {one.source} -> {one.target} where {where}"
             lines.append(f"{line}: {', '.join(then)}" if then else line)
         return lines
+
+
+def _is_named(rate: str, law: Array, names: Sequence[str]) -> bool:
+    """Whether a law is that the rate is the state of this name."""
+    own = np.array([name == rate for name in names])
+    return bool(own.any() and np.allclose(law, own, rtol=0.0, atol=1e-9))
 
 
 def _beyond(rounding: Array, values: Array, errors: Array) -> tuple[list[float], list[float]]:

@@ -69,8 +69,9 @@ class JointEstimate(Estimate):
     @property
     def left(self) -> Array:
         """Standard deviations of what the rollouts leave of the measurements, (n_states,)."""
-        squares = np.square(self.nodes.y - self.states)
-        return np.asarray(np.sqrt(np.nanmean(squares, axis=0) / self.freedom))
+        squares = np.nansum(np.square(self.nodes.y - self.states), axis=0)
+        counts = np.isfinite(self.nodes.y).sum(axis=0)
+        return np.asarray(np.sqrt(squares / np.maximum(counts, 1) / self.freedom))
 
     def known(self) -> Self:
         """The same automaton with nothing of it free."""

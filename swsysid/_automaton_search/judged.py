@@ -35,9 +35,10 @@ def judged(
     noise: Array,
 ) -> tuple[FreeRollouts, SampleNoise]:
     """What they leave of the recordings that an automaton was made from, and of which noise."""
-    labels = [label_text(label) for label in given.labels]
-    left = [record.y - own for record, own in zip(given.records, states, strict=True)]
-    seen = SampleNoise.seen(_least(noise, given), left, list(states), labels)
+    labels, given = [label_text(label) for label in given.labels], given.sensed
+    measured = [own[:, : given.n_channels] for own in states]
+    left = [record.y - own for record, own in zip(given.records, measured, strict=True)]
+    seen = SampleNoise.seen(_least(noise, given), left, measured, labels)
     first = automaton.lags + 1
     courses = [
         Course(*told)
@@ -120,6 +121,7 @@ def switches_by_recording(
 def _least(noise: Array, given: Given) -> Array:
     """Noise, no less than what counts as exact."""
     spread = np.nanstd(np.vstack([record.y for record in given.records]), axis=0)
+    noise = noise[: len(spread)]
     return np.asarray(np.maximum(noise, LIMITS.exactly * np.where(spread > 0.0, spread, 1.0)))
 
 
@@ -127,7 +129,8 @@ def _rolled_out(
     automaton: HybridAutomaton, courses: Sequence[Course], noise: SampleNoise
 ) -> FreeRollouts:
     hold = "zero" if automaton.discrete_time else "linear"
-    return free_rollouts(automaton, courses, noise, automaton.state_names, input_hold=hold)
+    channels = automaton.state_names[: len(noise.channels)]
+    return free_rollouts(automaton, courses, noise, channels, input_hold=hold)
 
 
 def rollout_score(automaton: HybridAutomaton, given: Given) -> float:
@@ -151,7 +154,8 @@ def start_of(automaton: HybridAutomaton, record: Record) -> tuple[Array, int]:
 
 def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array, float]:
     """The state from which a rollout in a mode fits some samples best, and half its squares."""
-    unit, guess = spread(first.filled), first.filled[: automaton.lags + 1]
+    rough = _with_rates(first, automaton.n_states)
+    unit, guess = spread(rough), rough[: automaton.lags + 1]
 
     def misfit(start: Array) -> Array:
         left = np.nan_to_num(_left(automaton, first, start, mode) / unit, nan=LIMITS.diverged)
@@ -173,6 +177,16 @@ def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array,
     return start(found.x), float(found.cost)
 
 
+def _with_rates(record: Record, n_states: int) -> Array:
+    """Measured states, beside positions the slopes of their parabola at its begin."""
+    measured = record.filled
+    if measured.shape[1] == n_states:
+        return measured
+    since = record.t - record.t[0]
+    _, slope, bend = np.linalg.lstsq(np.vander(since, 3, increasing=True), measured, rcond=None)[0]
+    return np.hstack([measured, slope + 2.0 * since[:, None] * bend])
+
+
 def _left(automaton: HybridAutomaton, record: Record, start: Array, mode: int) -> Array:
     """Measured minus rolled out; NaN throughout where the rollout does not reach the end."""
     inputs = record.u if record.u.size else None
@@ -180,4 +194,4 @@ def _left(automaton: HybridAutomaton, record: Record, start: Array, mode: int) -
     run = automaton.simulate(start, record.t, inputs, mode=mode, input_hold=hold)
     if len(run.t) < len(record.t):
         return np.full(record.y.shape, np.nan)
-    return record.y - run.x
+    return record.y - run.x[:, : record.y.shape[1]]

@@ -4,6 +4,13 @@ Two parabolas, one through the samples before an interval and one through those 
 its middle. Where the state goes on, a kink anywhere in the interval leaves at most
 :math:`\tfrac12 \Delta t\, |\Delta \dot x|` between them; what they miss each other by beyond that,
 beyond noise and beyond what the parabolas themselves leave over, is a jump.
+
+A speed of which only the position is measured turns the position. Through the samples on both sides
+of an interval goes
+
+.. math:: q(t) = \sum_{k \le 4} a_k t^k + \theta(t)\, (s + d\, t + \tfrac12 b\, t^2) ,
+
+where b is what a switch does, s says where in the interval it happens, and d is the jump.
 """
 
 from __future__ import annotations
@@ -11,11 +18,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.recordings import Record
 from swsysid._results import Array
-from swsysid._stays.given import Given
+from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.pieces import jumps_at_events, noise_between_events
 
 # Samples to each side that tell where a state was going; by how many intervals a kink may lead
@@ -26,6 +34,8 @@ _SIDES = (5, 9, 15)
 _KINK = 0.55
 _USUAL = (0.05, 0.95)
 _BEYOND_CURVATURE = 12.0
+_SHARED, _FOLLOWS = 5, 0.9999  # coefficients of both sides of a turn; quantile of noise
+_AT_ONCE = 10_000  # intervals that are worked at once
 
 
 def jumps_of(given: Given) -> list[NDArray[np.intp]]:
@@ -33,20 +43,24 @@ def jumps_of(given: Given) -> list[NDArray[np.intp]]:
     noise, found = noise_between_events(given), []
     for record, known in zip(given.records, jumps_at_events(given, noise), strict=True):
         # whether it jumps at an event its limits tell, and beside one they hide what parabolas see
-        own = _jumps_of(record, noise)
+        own = _jumps_of(record, noise, given.n_channels // given.order)
         apart = np.abs(own[:, None] - record.events).min(axis=1, initial=len(record.t))
         found.append(np.union1d(known, own[apart >= _SIDES[0]]).astype(np.intp))
     return found
 
 
-def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:
+def _jumps_of(record: Record, noise: Array, n_sensed: int) -> NDArray[np.intp]:
     """Intervals of one recording in which it jumps, the most certain of each neighbourhood."""
     n = len(record.t)
-    certain = np.zeros(n - 1)
+    certain, turns_too = np.zeros(n - 1), n_sensed < len(noise)
+    nearest = FEWEST_SAMPLES if turns_too else _SIDES[0]
     for width in _SIDES:
         if n >= 2 * width:
             inside = slice(width - 1, n - width)
             certain[inside] = np.maximum(certain[inside], _excess(record, noise, width))
+            if turns_too:
+                turns = _turns(record.t, record.filled[:, :n_sensed], noise[:n_sensed], width)
+                certain[inside] = np.maximum(certain[inside], turns)
     if n > 2 * _SIDES[0]:
         last = _excess_at_end(record.t, record.filled, noise)
         first = _excess_at_end(-record.t[::-1], record.filled[::-1], noise)
@@ -55,7 +69,7 @@ def _jumps_of(record: Record, noise: Array) -> NDArray[np.intp]:
     for place in np.argsort(-certain, kind="stable"):
         if certain[place] <= 1.0:
             break
-        if all(abs(place - other) >= _SIDES[0] for other in found):
+        if all(abs(place - other) >= nearest for other in found):
             found.append(int(place))
     return np.sort(np.array(found, dtype=np.intp))
 
@@ -98,6 +112,35 @@ def _excess(record: Record, noise: Array, width: int) -> Array:
     of_noise = SETTINGS.beyond_noise * np.sqrt(left[3] + right[3])[:, None] * noise
     of_curvature = _BEYOND_CURVATURE * np.maximum(left[2], right[2])
     return np.asarray((apart / (of_noise + of_curvature + np.finfo(float).tiny)).max(axis=1))
+
+
+def _turns(t: Array, y: Array, noise: Array, width: int) -> Array:
+    """By how much positions turn in an interval, in units of what they may."""
+    n = len(t) - 2 * width + 1
+    times, values = sliding_window_view(t, 2 * width), sliding_window_view(y, 2 * width, axis=0)
+    found = [
+        _turned(times[k : k + _AT_ONCE], values[k : k + _AT_ONCE], noise)
+        for k in range(0, n, _AT_ONCE)
+    ]
+    return np.concatenate(found)
+
+
+def _turned(t: Array, values: Array, noise: Array) -> Array:
+    width = t.shape[1] // 2
+    at, unit = 0.5 * (t[:, width - 1] + t[:, width]), t[:, -1] - t[:, 0]
+    since = (t - at[:, None]) / unit[:, None]
+    after = np.where(since > 0.0, 1.0, 0.0)[:, :, None] * since[:, :, None] ** np.arange(3)
+    basis = np.concatenate([since[:, :, None] ** np.arange(_SHARED), after], axis=2)
+    inverse = np.linalg.pinv(basis)
+    coef = np.matmul(values, inverse.transpose(0, 2, 1))
+    left = values - np.matmul(coef, basis.transpose(0, 2, 1))
+    freedom = left.shape[2] - basis.shape[2]
+    squares, speed = np.square(left / noise[:, None]).sum(axis=2), _SHARED + 1
+    error = noise * np.sqrt(np.square(inverse[:, speed]).sum(axis=1))[:, None]
+    turned = np.abs(coef[:, :, speed]) / error / SETTINGS.beyond_noise
+    # what leaves more than noise is another motion, or turns elsewhere
+    follows = squares <= chi2.ppf(_FOLLOWS, freedom)
+    return np.asarray(np.where(follows, turned, 0.0).max(axis=1))
 
 
 def _parabolas(t: Array, values: Array, at: Array) -> tuple[Array, Array, Array, Array]:

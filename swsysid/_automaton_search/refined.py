@@ -192,8 +192,11 @@ def _courses(
     switches, number, told = switching
     first_modes = [one.modes[0] for one in stays.estimate.nodes.stays]
     times = stays.estimate.nodes.recordings.times
-    # a jump is seen at the samples beside it
-    between = np.where(switches.jumped[:, None], switches.known, (-np.inf, np.inf))
+    # a jump is seen at the samples beside it, that of a speed which is not measured soon after
+    recordings = stays.estimate.nodes.recordings
+    late = recordings.interval * np.isnan(recordings.y).all(axis=(0, 1)).any()
+    known = switches.known + late * np.array([-1.0, 1.0])
+    between = np.where(switches.jumped[:, None], known, (-np.inf, np.inf))
     courses, rows = [], []
     for begin, end in zip(begins, np.append(begins[1:], len(pieces.first)), strict=True):
         k, first, last = pieces.recording[begin], times[begin][0], times[end - 1][-1]
@@ -239,6 +242,9 @@ def told_jointly(
     recording, transitions = pieces.recording[begins[switched]], []
     for number, one in enumerate(found):
         own, guard, reset = nodes.transitions == number, one.guard, one.reset
+        if not own.any():  # courses begin behind its switches
+            transitions.append(one.transition)
+            continue
         if guard is not None:
             own_guard = estimate.guards.guard(number)
             assert own_guard is not None, "each of them has unknowns"

@@ -107,7 +107,9 @@ class FreeRollouts:
         for (_, y, _), run in zip(_samples(self.estimate), self.runs, strict=True):
             rolled = np.full(y.shape, np.inf)
             rolled[: len(run.x)] = run.x
-            off = np.minimum(np.abs(y - rolled), np.nanstd(y, axis=0)) / noise
+            seen = np.isfinite(y).any(axis=0)
+            off = np.minimum(np.abs(y - rolled)[:, seen], np.nanstd(y[:, seen], axis=0))
+            off = off / noise[seen]
             total, count = total + float(np.nansum(off)), count + int(np.isfinite(y).sum())
         return total / max(1, count)
 

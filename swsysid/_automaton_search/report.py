@@ -31,8 +31,8 @@ class AutomatonReport:
     shares : ndarray of shape (n_modes,)
         Part of the samples in each mode.
     verdicts : tuple of TransitionVerdict
-    noise : ndarray of shape (n_states,)
-        What the laws leave of the samples: noise of the sensor.
+    noise : ndarray of shape (n_channels,)
+        What the laws leave of the measured states: noise of the sensor.
     noises : KindsOfNoise or None
         Of the sensor and in the equation, in discrete time where samples are not exact.
     states : tuple of str
@@ -67,7 +67,7 @@ class AutomatonReport:
         modes, automaton = np.concatenate(found.modes), found.automaton
         shares = np.bincount(modes, minlength=automaton.n_modes) / len(modes)
         untold = [told] if (told := untold_switches(found)) else []
-        if found.excess is not None and found.excess > SETTINGS.most_excess:
+        if found.excess is not None and found.excess > SETTINGS.excess(len(modes)):
             untold.append(
                 f"The laws leave {found.excess:.2g} times the noise: a term or a mode is missing; "
                 "try a larger library or more modes."
@@ -127,7 +127,7 @@ class AutomatonReport:
         return f"Noise {'; '.join(kinds)}."
 
     def _sizes(self, noise: Array) -> str:
-        pairs = zip(self.states, noise, strict=True)
+        pairs = zip(self.states[: len(noise)], noise, strict=True)
         return ", ".join(f"{name} {size:.3g}" for name, size in pairs)
 
     __repr__ = __str__

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class AutomatonSettings:
@@ -13,7 +15,7 @@ class AutomatonSettings:
     # of a stay is off by at most; samples by which a stay tells its own states; rounds of cuts
     beyond_noise: float = 6.0
     end_of_stay: float = 2.0
-    fewest_of_a_stay: int = 4
+    fewest_of_a_stay: int = 3
     most_rounds: int = 4
     # -- guards, in intervals: the least error of an instant, and by how much a sample may lie
     # beyond; in deviations, what is so far off that it counts less; columns that guards and resets
@@ -32,6 +34,13 @@ class AutomatonSettings:
     near: float = 2.0
     told_by_guard: float = 0.9
     most_excess: float = 1.3
+
+    def excess(self, n_samples: int) -> float:
+        """What laws may leave of so many samples: differences of white noise tell its size.
+
+        The logarithm of that size has a standard error of 1.7 / sqrt(n) (30 to 1,600 samples).
+        """
+        return self.most_excess * float(np.exp(2.0 * 1.7 / np.sqrt(n_samples)))
 
 
 SETTINGS = AutomatonSettings()

@@ -23,11 +23,8 @@ from swsysid._tables.table import Table, TableError
 
 def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str) -> int:
     """Identify an automaton, judge one of the other recordings on what is held out, and save."""
-    if options.measurement.derivatives or options.measurement.order == 2:
-        raise TableError(
-            "--automaton takes recorded states alone; leave out --derivatives and --order 2, and "
-            "give speeds among the --states."
-        )
+    if options.measurement.derivatives:
+        raise TableError("--automaton takes recorded states alone; leave out --derivatives.")
     with own_warnings() as notes:
         samples = measure(table, options.measurement)
     found, told = automaton_of(samples, options)
@@ -67,6 +64,7 @@ def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonR
     terms = Terms(everything, options.library_degree, options.waves, *samples.angles)
     model = HybridAutomatonRegressor(
         options.modes,
+        order=options.measurement.order,
         feature_library=terms.library(n_columns),
         guard_degree=options.surface_degree,
         sparsity=options.sparsity,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton_regressor import HybridAutomatonRegressor
+from swsysid._automaton_search.jumps import jumps_of
 from swsysid._cli.automaton import automaton_of, own_warnings
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
@@ -19,6 +20,7 @@ from swsysid._cli.text import described, preparation, units_of_displays
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import stage
 from swsysid._results import Array
+from swsysid._stays.given import read_given
 from swsysid._tables.table import Table, TableError
 from swsysid.diagnosis import EffectSearchCV
 from swsysid.effects import Effect, all_effects, special_effects
@@ -51,12 +53,18 @@ class Diagnosis:
 
     @property
     def left(self) -> Array:
-        """What free rollouts with all that was found leave of what was held out, (n_states,)."""
-        return np.array(self.search.report_.errors[-1]["held_out"])
+        """What free rollouts with all that was found leave of what was held out, (n_states,).
+
+        Empty where nothing was held out.
+        """
+        errors = self.search.report_.errors
+        return np.array(errors[-1]["held_out"] if errors else [])
 
     def beside(self, found: HybridAutomatonRegressor, told: str) -> Diagnosis:
         """With several laws, where these leave a fraction of what one law leaves."""
-        is_better = bool((found.noise_ < JUDGING.told * self.left).all()) and found.n_modes_ > 1
+        left = self.left[: len(found.noise_)]
+        noise = found.noise_[: len(left)]
+        is_better = bool((noise < JUDGING.told * left).all()) and found.transitions_
         return replace(self, several=found, told_of_several=told) if is_better else self
 
     @property
@@ -72,11 +80,14 @@ class Diagnosis:
             left = ", ".join(
                 f"{name} {size:.3g} {samples.unit(name)}".rstrip() for name, size in sizes
             )
-            report = (
-                f"Several laws follow each other. {self.told_of_several}\n\n"
-                f"One law, with all that was found beside it, leaves {left} in free rollouts over "
-                f"what was held out: {self.search.report_.summary}"
-            )
+            what = "States jump" if self.several.n_modes_ == 1 else "Several laws follow each other"
+            one_law = f"One law: {self.search.report_.summary}"
+            if left:
+                one_law = (
+                    f"One law, with all that was found beside it, leaves {left} in free rollouts "
+                    f"over what was held out: {self.search.report_.summary}"
+                )
+            report = f"{what}. {self.told_of_several}\n\n{one_law}"
         notes = [f"note: {note}" for note in self.notes if note not in report]
         return "\n\n".join(["\n".join(data), report, *notes])
 
@@ -94,10 +105,19 @@ def diagnosed(
         declared = options.regressor(1, feature_library=terms.library(samples.X.shape[1]))
         search = searched(samples, declared, effects, options)
     done = Diagnosis(search, samples, notes)
-    if is_left_open and options.measurement.order == 1 and done.explains_little:
+    if is_left_open and (done.explains_little or _jumps(samples, options)):
         with stage("Looking for several laws", watched):
             done = done.beside(*automaton_of(samples, replace(options, modes="auto")))
     return done
+
+
+def _jumps(samples: Samples, options: JobOptions) -> bool:
+    """Whether states jump again and again, speeds of measured positions included."""
+    recorded = samples.recorded
+    if recorded is None or options.measurement.quantity:
+        return False
+    given = read_given(*recorded.named(samples.names, slice(None)))
+    return sum(map(len, jumps_of(given.with_rates(options.measurement.order)))) > 1
 
 
 def searched(

@@ -122,7 +122,10 @@ class Pairs:
         )
 
     def inside(self, t: Array, step: float) -> Pairs:
-        """Without lone switches in the first and the last step: the other may be outside."""
+        """Without lone switches in the first and the last step: the other may be outside.
+
+        The times are those at which something was measured.
+        """
         first, last = t[0] + step, t[-1] - step
         alone = [
             tuple(one for one in side if first < one.time < last)

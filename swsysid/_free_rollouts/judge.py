@@ -307,7 +307,7 @@ class _RolledOut:
         left[len(run.t) :] = np.where(np.isfinite(record.y[len(run.t) :]), np.inf, np.nan)
         sides = course.switches or (), switches_of_rollout(run)
         pairs = Pairs.of(*(seen_by_samples(side, course.step) for side in sides))
-        pairs = pairs.inside(record.t, course.step)
+        pairs = pairs.inside(record.t[np.isfinite(record.y).any(axis=1)], course.step)
         left[pairs.undecided(record.t, course.step)] = np.nan
         ended = "" if run.status.ok else f"the simulation ends ({run.status.value})"
         return cls(runs, course, states, scale, left, pairs, ended)

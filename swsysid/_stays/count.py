@@ -1,8 +1,8 @@
 r"""How many modes: the least Bayesian information criterion in the domain of the measurements.
 
-.. math:: \sum_c n_c \log \hat\sigma_c + \tfrac12 k \log n
+.. math:: \sum_c n_c \log \frac{\hat\sigma_c}{s_c} + \tfrac12 k \log n
 
-with the misfit of every channel, and k coefficients of laws and surfaces, states in which
+with the misfit of every channel in units of its spread, and k coefficients of laws and surfaces, states in which
 recordings begin, and times at which they do. Noise on the samples is white where the laws are
 right, which residuals of derivatives never are.
 
@@ -67,12 +67,15 @@ def criterion(n_modes: int, found: StayIdentification, as_one: float = 1.0) -> C
 
 
 def _misfit(found: StayIdentification) -> tuple[float, float]:
-    """Samples, and their half logarithmic squares."""
-    left = misfits(found.estimate)
+    """Samples, and their half logarithmic squares, in units of the spread.
+
+    So those that follow no law, and are in no piece of a recording, count as known by that alone.
+    """
+    left, spread = misfits(found.estimate), found.estimate.laws.spread
     count = np.isfinite(left).sum(axis=(0, 1))
     squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
-    least = np.square(LIMITS.exactly * found.estimate.laws.spread)
-    nats = 0.5 * float((count * np.log(np.maximum(squares, least)))[count > 0].sum())
+    shares = np.maximum(squares / np.square(spread), LIMITS.exactly**2)
+    nats = 0.5 * float((count * np.log(shares))[count > 0].sum())
     return float(count.sum()), nats
 
 

@@ -26,6 +26,7 @@ from swsysid._data.trajectories import (
 )
 from swsysid._results import Array, IdentificationWarning, Trajectory
 from swsysid.differentiation import inspect_sensors
+from swsysid.differentiation._record import rates_appended
 
 INPUTS = ("u", "U", "input")  # what others call inputs
 FEWEST_SAMPLES = 8  # of a recording: a filter of five with two more to each side than it needs
@@ -40,6 +41,7 @@ class Given:
     rows: list[NDArray[np.intp]]
     labels: list[object]  # names of the recordings
     names: list[str] | None  # of measured channels and inputs; None if the data have none
+    order: int = 1  # 2: the first half of the channels are positions, the others their rates
 
     @property
     def n_samples(self) -> int:
@@ -77,6 +79,31 @@ class Given:
         pairs = list(zip(self.records, self.rows, kept, strict=True))
         records = [Record(one.t[own], one.y[own], one.u[own]) for one, _, own in pairs]
         return replace(self, records=records, rows=[rows[own] for _, rows, own in pairs])
+
+    def with_rates(self, order: int) -> Given:
+        """Positions with their rates beside them, of which nothing is measured."""
+        if order == 1:
+            return self
+        records = [
+            replace(one, y=np.hstack([one.y, np.full_like(one.y, np.nan)])) for one in self.records
+        ]
+        names = self.names
+        if names is not None:
+            measured, inputs = names[: self.n_channels], names[self.n_channels :]
+            names = list(rates_appended(measured, inputs, order))
+        return replace(self, records=records, names=names, order=order)
+
+    @property
+    def sensed(self) -> Given:
+        """The same without channels that are rates of others."""
+        if self.order == 1:
+            return self
+        count = self.n_channels // self.order
+        records = [replace(one, y=one.y[:, :count]) for one in self.records]
+        names = self.names
+        if names is not None:
+            names = names[:count] + names[self.n_channels :]
+        return replace(self, records=records, names=names, order=1)
 
     def stepped(self, holds: Sequence[Hold]) -> Given:
         """The same with rows where inputs step that keep their value."""

@@ -380,7 +380,8 @@ class Search:
 
     def usual_excess(self, found: StayIdentification) -> float:
         """The same of most recordings, where some may have been told wrongly."""
-        left = np.square(misfits(found.estimate) / self.base.noise)
+        n_channels = self.given.n_channels
+        left = np.square(misfits(found.estimate) / self.base.noise)[..., :n_channels]
         seen = np.isfinite(left).any(axis=(0, 2))
         return float(np.sqrt(np.median(np.nanmean(left[:, seen], axis=0), axis=0).max()))
 

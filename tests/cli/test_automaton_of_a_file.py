@@ -50,10 +50,34 @@ def test_a_thermostat_is_found_judged_and_saved(file, tmp_path, capsys):
     [
         (["--quick"], "goes without --diagnose and --quick"),
         (["--diagnose"], "goes without --diagnose and --quick"),
-        (["--order", "2"], "give speeds among the --states"),
         (["--derivatives", "run"], "takes recorded states alone"),
     ],
 )
 def test_what_an_automaton_cannot_be_found_with_is_said(file, wishes, said, capsys):
     assert main([file, "--states", "T", "--time", "t", "--automaton", *wishes]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("wish", ["--automaton", "--diagnose"])
+def test_the_heights_of_a_ball_tell_its_impact(wish, tmp_path, capsys, monkeypatch):
+    """Two parabolas a bounce, .8 of the speed: one command each, also without --automaton."""
+    monkeypatch.chdir(tmp_path)
+    rate, bounce, rows, up, level, begin = 30.0, 0.8, [], 0.0, 1.4, 0.0
+    while begin < 3.6:
+        arrives = np.sqrt(up**2 + 2.0 * 9.81 * level)
+        end = begin + (up + arrives) / 9.81
+        t = np.arange(np.ceil(begin * rate), np.ceil(end * rate)) / rate
+        since = t - begin
+        rows.append(np.column_stack([t, level + up * since - 4.905 * since**2]))
+        begin, up, level = end, bounce * arrives, 0.0
+    table = np.vstack(rows)
+    table[:, 1] += 0.003 * np.random.default_rng(0).standard_normal(len(table))
+    np.savetxt("ball.csv", table, delimiter=",", header="t_s,y_m", comments="", fmt="%.4f")
+    roles = ["--states", "y_m", "--time", "t_s", "--order", "2"]
+    assert main(["ball.csv", *roles, wish, "--output", "out"]) == 0
+    text = capsys.readouterr().out
+    assert "1 mode" in text
+    told = re.search(r"y_m <= (\S+) \(\S+\): y_m' := -(\S+) \(\S+\) y_m'", text)
+    assert float(told[1]) == pytest.approx(0.0, abs=0.01)
+    assert float(told[2]) == pytest.approx(bounce, abs=0.01)
+    assert ("States jump." in text) == (wish == "--diagnose")
