@@ -2,9 +2,9 @@ r"""How many modes: the least Bayesian information criterion in the domain of th
 
 .. math:: \sum_c n_c \log \frac{\hat\sigma_c}{s_c} + \tfrac12 k \log n
 
-with the misfit of every channel in units of its spread, and k coefficients of laws and surfaces, states in which
-recordings begin, and times at which they do. Noise on the samples is white where the laws are
-right, which residuals of derivatives never are.
+with the misfit of every channel in units of its spread, and k coefficients of laws and surfaces,
+states in which recordings begin, and times at which they do. Noise on the samples is white where
+the laws are right, which residuals of derivatives never are.
 
 Where no surface says so, every switch has an instant of its own and enters any mode:
 :math:`n_{ij}` switches from mode i to mode j cost :math:`\log (n_i! / \prod_j n_{ij}!)` more, what
