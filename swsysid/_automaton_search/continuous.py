@@ -44,7 +44,7 @@ from swsysid._automaton_search.judged import (
     judged,
     switches_by_recording,
 )
-from swsysid._automaton_search.jumps import jumps_of
+from swsysid._automaton_search.jumps import jumps_of, without_impacts
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
@@ -112,7 +112,7 @@ def _identified(
         candidates, known = exact.candidates, exact.modes.of_samples
         pieces, stays = followed
     else:
-        given = without_clipped(given)
+        given = without_impacts(without_clipped(given), jumps)
         cutting = Cutting(estimator, given, settings, told)
         cut = _in_rounds(cutting, jumps, terms)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates

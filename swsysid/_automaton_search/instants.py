@@ -45,6 +45,7 @@ class Known:
     noise: Array  # (n_states,)
     interval: float
     terms: GuardTerms
+    n_positions: int = 0  # of the states, the first: a speed jumps, and they go on
 
     def crossed(self, switches: Switches) -> Crossed:
         """What the guard of switches is known by, these at their present instants."""
@@ -188,7 +189,9 @@ def _may_go_on(flows: _Flows, known: Known) -> list[NDArray[np.intp]]:
     steps = np.abs(np.diff(gaps, axis=0)).max(axis=0)
     share = (nearest <= steps + SETTINGS.beyond_noise * known.errors).mean(axis=0)
     some = np.flatnonzero(share > 0.5)
-    sets = {(), tuple(some), *combinations(some.tolist(), 1)}
+    sets = {(), tuple(some.tolist()), *combinations(some.tolist(), 1)}
+    positions = set(range(known.n_positions)) & set(some.tolist())
+    sets = {one for one in sets if positions <= set(one)}
     return [np.array(one, dtype=np.intp) for one in sorted(sets)]
 
 

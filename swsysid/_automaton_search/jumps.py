@@ -15,6 +15,10 @@ where b is what a switch does, s says where in the interval it happens, and d is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -34,7 +38,9 @@ _SIDES = (5, 9, 15)
 _KINK = 0.55
 _USUAL = (0.05, 0.95)
 _BEYOND_CURVATURE = 12.0
-_SHARED, _FOLLOWS = 5, 0.9999  # coefficients of both sides of a turn; quantile of noise
+# Of a turn, coefficients that both sides share, and the quantile of noise up to which they follow;
+# what one about a sample counts beside one in an interval, which it otherwise is as well.
+_SHARED, _FOLLOWS, _ABOUT = 5, 0.9999, 0.5
 _AT_ONCE = 10_000  # intervals that are worked at once
 
 
@@ -43,23 +49,54 @@ def jumps_of(given: Given) -> list[NDArray[np.intp]]:
     noise, found = noise_between_events(given), []
     for record, known in zip(given.records, jumps_at_events(given, noise), strict=True):
         # whether it jumps at an event its limits tell, and beside one they hide what parabolas see
-        own = _jumps_of(record, noise, given.n_channels // given.order)
+        own = _jumps_of(record, noise, given.n_positions)
         apart = np.abs(own[:, None] - record.events).min(axis=1, initial=len(record.t))
         found.append(np.union1d(known, own[apart >= _SIDES[0]]).astype(np.intp))
     return found
 
 
-def _jumps_of(record: Record, noise: Array, n_sensed: int) -> NDArray[np.intp]:
+def without_impacts(given: Given, jumps: Sequence[NDArray[np.intp]]) -> Given:
+    """Positions without those that were measured while the speed jumped: an impact lasts.
+
+    A sample beside a jump is left out where the parabola of the next ones inside does not lead to
+    it. What the parabolas of all jumps leave of their samples tells the noise.
+    """
+    count, sides = given.n_positions, []
+    for number, (record, cuts) in enumerate(zip(given.records, jumps, strict=True)):
+        ends = np.concatenate([[-1], cuts, [len(record.t) - 1]])
+        for first, last in pairwise(ends.tolist()):
+            inside = np.arange(first + 1, last + 1)
+            if len(inside) > _SIDES[0]:
+                sides += [(number, inside[:6])] * (first >= 0)
+                sides += [(number, inside[-6:][::-1])] * (last < len(record.t) - 1)
+    if not sides:
+        return given
+    t = np.array([given.records[k].t[rows] for k, rows in sides])
+    y = np.array([given.records[k].filled[rows, :count].T for k, rows in sides])
+    value, _, left, gain = _parabolas(t[:, 1:], y[:, :, 1:], t[:, 0])
+    squares = np.square(left).sum(axis=2)
+    noise = np.sqrt(np.median(squares, axis=0) / chi2.median(left.shape[2] - 3))
+    allowed = SETTINGS.beyond_noise * np.sqrt(1.0 + gain)[:, None] * noise
+    records = list(given.records)
+    for (number, rows), off in zip(sides, np.abs(y[:, :, 0] - value) > allowed, strict=True):
+        kept = records[number].y.copy()
+        kept[rows[0], :count][off] = np.nan
+        records[number] = replace(records[number], y=kept)
+    return replace(given, records=records)
+
+
+def _jumps_of(record: Record, noise: Array, n_positions: int) -> NDArray[np.intp]:
     """Intervals of one recording in which it jumps, the most certain of each neighbourhood."""
     n = len(record.t)
-    certain, turns_too = np.zeros(n - 1), n_sensed < len(noise)
-    nearest = FEWEST_SAMPLES if turns_too else _SIDES[0]
+    certain = np.zeros(n - 1)
+    nearest = FEWEST_SAMPLES if n_positions else _SIDES[0]
     for width in _SIDES:
         if n >= 2 * width:
             inside = slice(width - 1, n - width)
             certain[inside] = np.maximum(certain[inside], _excess(record, noise, width))
-            if turns_too:
-                turns = _turns(record.t, record.filled[:, :n_sensed], noise[:n_sensed], width)
+            if n_positions:
+                y = record.filled[:, :n_positions]
+                turns = _turns(record.t, y, noise[:n_positions], width)
                 certain[inside] = np.maximum(certain[inside], turns)
     if n > 2 * _SIDES[0]:
         last = _excess_at_end(record.t, record.filled, noise)
@@ -94,7 +131,8 @@ def _excess_at_end(t: Array, y: Array, noise: Array) -> Array:
         turned = np.abs(after - slope).max(axis=0)
         apart = np.abs(y[k + 1] - value[0]) - 2.0 * _KINK * (t[k + 1] - t[k]) * turned
         allowed = SETTINGS.beyond_noise * np.sqrt(gain + 1.0) * noise
-        allowed = allowed + _BEYOND_CURVATURE * left[0] + np.finfo(float).tiny
+        most = np.abs(left[0]).max(axis=1)
+        allowed = allowed + _BEYOND_CURVATURE * most + np.finfo(float).tiny
         excess[place] = (apart / allowed).max()
     return excess
 
@@ -110,19 +148,26 @@ def _excess(record: Record, noise: Array, width: int) -> Array:
     durations = (t[width : len(t) - width + 1] - t[width - 1 : len(t) - width])[:, None]
     apart = np.abs(right[0] - left[0]) - _KINK * durations * np.abs(right[1] - left[1])
     of_noise = SETTINGS.beyond_noise * np.sqrt(left[3] + right[3])[:, None] * noise
-    of_curvature = _BEYOND_CURVATURE * np.maximum(left[2], right[2])
+    most = np.maximum(*(np.abs(side[2]).max(axis=2) for side in (left, right)))
+    of_curvature = _BEYOND_CURVATURE * most
     return np.asarray((apart / (of_noise + of_curvature + np.finfo(float).tiny)).max(axis=1))
 
 
 def _turns(t: Array, y: Array, noise: Array, width: int) -> Array:
-    """By how much positions turn in an interval, in units of what they may."""
+    """By how much positions turn in an interval, in units of what they may.
+
+    Or about the sample after it, where they turn far more: that may belong to neither side.
+    """
     n = len(t) - 2 * width + 1
-    times, values = sliding_window_view(t, 2 * width), sliding_window_view(y, 2 * width, axis=0)
-    found = [
-        _turned(times[k : k + _AT_ONCE], values[k : k + _AT_ONCE], noise)
-        for k in range(0, n, _AT_ONCE)
-    ]
-    return np.concatenate(found)
+    turned, sides = np.zeros(n), np.arange(2 * width)
+    for share, samples in ((1.0, sides), (_ABOUT, sides + (sides >= width))):
+        length = int(samples[-1]) + 1
+        times, values = sliding_window_view(t, length), sliding_window_view(y, length, axis=0)
+        for k in range(0, len(times), _AT_ONCE):
+            own = slice(k, min(k + _AT_ONCE, len(times)))
+            found = share * _turned(times[own][:, samples], values[own][:, :, samples], noise)
+            turned[own] = np.maximum(turned[own], found)
+    return turned
 
 
 def _turned(t: Array, values: Array, noise: Array) -> Array:
@@ -153,5 +198,5 @@ def _parabolas(t: Array, values: Array, at: Array) -> tuple[Array, Array, Array,
     basis = offsets[:, :, None] ** np.arange(3)
     inverse = np.linalg.pinv(basis)
     coef = np.matmul(values, inverse.transpose(0, 2, 1))
-    left = np.abs(values - np.matmul(coef, basis.transpose(0, 2, 1))).max(axis=2)
+    left = values - np.matmul(coef, basis.transpose(0, 2, 1))
     return coef[..., 0], coef[..., 1] / unit, left, np.square(inverse[:, 0]).sum(axis=1)

@@ -29,23 +29,27 @@ _MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 
 def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
     """Guards, resets and instants of all transitions."""
-    found = _settled(stays, switches_of(stays, pieces), terms)
+    positions = pieces.given.n_positions
+    found = _settled(stays, switches_of(stays, pieces), terms, positions)
     began = np.full(len(pieces.first), np.nan)
     for one in found:
         own = one.switches
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        found = _settled(stays, switches_of(stays, pieces, began), terms)
+        found = _settled(stays, switches_of(stays, pieces, began), terms, positions)
     return found
 
 
 def _settled(
-    stays: StayIdentification, told: tuple[Switches, Visits], terms: GuardTerms
+    stays: StayIdentification,
+    told: tuple[Switches, Visits],
+    terms: GuardTerms,
+    positions: int,
 ) -> list[Settled]:
     switches, visits = told
     interval = stays.estimate.nodes.recordings.interval
-    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, terms)
+    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, terms, positions)
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
         (source, target): settled(

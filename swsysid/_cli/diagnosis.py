@@ -105,9 +105,15 @@ def diagnosed(
         declared = options.regressor(1, feature_library=terms.library(samples.X.shape[1]))
         search = searched(samples, declared, effects, options)
     done = Diagnosis(search, samples, notes)
-    if is_left_open and (done.explains_little or _jumps(samples, options)):
-        with stage("Looking for several laws", watched):
-            done = done.beside(*automaton_of(samples, replace(options, modes="auto")))
+    if not is_left_open:
+        return done
+    jumps = _jumps(samples, options)
+    # one law, and what it jumps by, if that is enough
+    for modes in [1] * jumps + ["auto"] * (jumps or done.explains_little):
+        with stage("Looking for jumps" if modes == 1 else "Looking for several laws", watched):
+            done = done.beside(*automaton_of(samples, replace(options, modes=modes)))
+        if done.several is not None:
+            break
     return done
 
 

@@ -94,6 +94,11 @@ class Given:
         return replace(self, records=records, names=names, order=order)
 
     @property
+    def n_positions(self) -> int:
+        """Number of channels that are positions, with rates beside them."""
+        return 0 if self.order == 1 else self.n_channels // self.order
+
+    @property
     def sensed(self) -> Given:
         """The same without channels that are rates of others."""
         if self.order == 1:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor
-from swsysid._automaton_search.jumps import jumps_of
+from swsysid._automaton_search.jumps import jumps_of, without_impacts
 from swsysid._stays.given import read_given
 
 G, REBOUND = 9.81, 0.8
@@ -96,6 +96,23 @@ def test_a_smooth_motion_does_not_turn(step, noise):
     y = np.sin(np.pi * t) + noise * np.random.default_rng(0).standard_normal(len(t))
     [found] = jumps_of(read_given(y[:, None], t, None, None).with_rates(2))
     assert not len(found)
+
+
+def test_what_is_measured_during_an_impact_is_left_out():
+    """A ball of foam rests on the floor while a frame is taken: no parabola leads there."""
+    t, y, instants = filmed(30, 110, 0.0005)
+    places = np.rint(instants * 30.0).astype(int)[:3]
+    y[places] = 0.03
+    given = read_given(y, t, None, None).with_rates(2)
+    jumps = jumps_of(given)
+    assert set(places) <= {*jumps[0], *(jumps[0] + 1)}
+    [record] = without_impacts(given, jumps).records
+    lost = np.flatnonzero(np.isnan(record.y[:, 0]))
+    np.testing.assert_array_equal(lost, places)
+    found = HybridAutomatonRegressor(1, order=2, random_state=0).fit(y, t)
+    [impact] = found.transitions_
+    assert abs(impact.reset.matrix[1, 1] + REBOUND) < 0.01
+    assert (impact.reset.matrix[0] == [1.0, 0.0]).all()  # a position does not jump
 
 
 def test_positions_are_for_continuous_time():

@@ -21,12 +21,12 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # the error above the noise and lets what happened speak before it judges (`_effect_search`),
 # several times if it happened so often (`effects`, which say when; `_output_error`, which makes
 # laws with one effect more each). Automata are found from positions alone: where these turn
-# (`_automaton_search`), beside rates that nobody measures (`_stays`), asked by `top`.
+# and what an impact spoils (`_automaton_search`), beside rates that nobody measures (`_stays`), asked by `top`.
 MOST_LINES = {
     "_automaton": 2860,
-    "_automaton_search": 4700,
+    "_automaton_search": 4750,
     "_checks": 600,
-    "_cli": 4560,
+    "_cli": 4570,
     "_data": 2190,
     "datasets": 2530,
     "differentiation": 1590,
@@ -48,7 +48,7 @@ MOST_LINES = {
     "_seeding": 1360,
     "_simulation": 1820,
     "_solvers": 1290,
-    "_stays": 8210,
+    "_stays": 8220,
     "_surfaces": 2310,
     "_tables": 1080,
     "top": 3410,
