@@ -3,6 +3,10 @@
 The mode at row k makes x[k + 1]. A transition that is taken at row k had a guard below zero at row
 k - 1 and has one that is not at row k. Where the state jumps, row k holds what the reset made; what
 the old law made of row k - 1 is what it, and the guard, were given.
+
+With lags a transition may reset the *whole* lagged state: x[k] goes on, and older rows become what
+the new law asks for, which then makes x[k + 1], ..., x[k + lags] of rows that nobody has measured.
+A motion sampled in x alone does that wherever its law switches, for its speed goes on.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from swsysid._stays.given import Given
 class Taken:
     """Transitions that were taken, one row for each."""
 
+    rows: NDArray[np.intp]
     recording: NDArray[np.intp]
     source: NDArray[np.intp]
     target: NDArray[np.intp]
@@ -31,7 +36,7 @@ class Taken:
     jumped: NDArray[np.bool_]
     last: Array  # (n_taken, n_columns): columns at the row before
     given: Array  # what guard and reset were given
-    after: Array  # (n_taken, n_states)
+    after: Array  # (n_taken, n_lagged)
 
     def __len__(self) -> int:
         return len(self.times)
@@ -43,18 +48,49 @@ class Taken:
 
 @dataclass(frozen=True)
 class ModeRows:
-    """Rows with their modes; one that no law explains belongs to the stay before it."""
+    """Rows with their modes; one that no law explains belongs to the stay before it.
+
+    Unless the transition to the stay after it is one that resets the `whole` lagged state.
+    """
 
     stays: DiscreteStays
     given: Given
+    whole: frozenset[tuple[int, int]] = frozenset()
 
     @cached_property
     def modes(self) -> NDArray[np.intp]:
         """Mode of every row."""
+        modes = self._modes_before.copy()
+        for first, last in self._made_anew:
+            modes[first : last + 1] = modes[last + 1]
+        return modes
+
+    @cached_property
+    def _modes_before(self) -> NDArray[np.intp]:
         modes = self.stays.modes.copy()
         for k in np.flatnonzero(self.stays.straddling & ~self.stays.rows.begins):
             modes[k] = modes[k - 1]
         return modes
+
+    @cached_property
+    def _made_anew(self) -> list[tuple[int, int]]:
+        """First and last of the rows that were made of others than those measured."""
+        rows, modes, straddling = self.stays.rows, self._modes_before, self.stays.straddling
+        parts = np.flatnonzero(np.diff(np.concatenate([[False], straddling, [False]])))
+        runs = [(int(first), int(end) - 1) for first, end in parts.reshape(-1, 2)]
+        return [
+            (first, last)
+            for first, last in runs
+            if last - first < rows.lags
+            and first + rows.lags < len(rows)
+            and not rows.begins[first : first + rows.lags + 1].any()
+            and (modes[first - 1], modes[last + 1]) in self.whole
+        ]
+
+    @property
+    def n_made_anew(self) -> int:
+        """How many rows these are, but for one of each transition."""
+        return sum(last - first for first, last in self._made_anew)
 
     @cached_property
     def columns(self) -> Array:
@@ -86,16 +122,50 @@ class ModeRows:
         rows, n_states = self.stays.rows, self.stays.rows.n_states
         at = np.flatnonzero(self._entered)
         before = at - 1
-        jumped = self.stays.straddling[before]
+        jumped, anew = self.stays.straddling[before], np.isin(at, [k for k, _ in self._made_anew])
         reached = self.columns[at].copy()
         reached[:, -2] = self.columns[before, -2] + 1.0  # the mode is still the old one
         reached[jumped, :n_states] = self._made(before[jumped])
+        after = self.columns[at, : self.n_lagged].copy()
+        if anew.any():
+            after[anew, n_states:] = self.older(at[anew], self.modes[at[anew]])[0]
         times = [self.given.records[r].t[k] for r, k in zip(rows.recording[at], rows.sample[at],
                                                             strict=True)]  # fmt: skip
         return Taken(
-            rows.recording[at], self.modes[before], self.modes[at], np.array(times), jumped,
-            self.columns[before], reached, self.columns[at, :n_states],
+            at, rows.recording[at], self.modes[before], self.modes[at], np.array(times),
+            jumped | anew, self.columns[before], reached, after,
         )  # fmt: skip
+
+    def older(self, at: NDArray[np.intp], modes: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Older rows that laws ask for from some rows on, (n_at, lags * n_states).
+
+        And by how much the states that the laws make then change with them, (n_at, lags * n_states,
+        lags * n_states). Laws are affine in them.
+        """
+        rows, n = self.stays.rows, self.stays.rows.n_states
+        lags, size = rows.lags, rows.n_states * rows.lags
+        steps = at[:, None] + np.arange(lags)
+        columns = self.columns[steps][:, :, :-2]
+
+        def made(older: Array) -> Array:
+            seen = columns.copy()
+            for step in range(lags):  # of which so many are measured by then
+                seen[:, step, (1 + step) * n : (1 + lags) * n] = older[:, : (lags - step) * n]
+            features = self.stays.feature_map(seen.reshape(-1, seen.shape[2]))
+            features = features.reshape(len(at), lags, -1)
+            return np.einsum("kij,ksj->ksi", self.stays.coef[modes], features).reshape(-1, size)
+
+        states = self.stays.states
+        reached = [
+            [states[r][k + 1] for r, k in zip(rows.recording[own], rows.sample[own], strict=True)]
+            for own in steps
+        ]
+        nothing = np.zeros((len(at), size))
+        by_none = made(nothing)
+        slopes = [made(nothing + unit) - by_none for unit in np.eye(size)]
+        change = np.stack(slopes, axis=2).reshape(len(at), size, size)
+        missing = np.reshape(reached, (len(at), size)) - by_none
+        return np.matmul(np.linalg.pinv(change), missing[:, :, None])[:, :, 0], change
 
     def inside(self, mode: int) -> Array:
         """Columns at the rows of a mode."""
@@ -130,6 +200,8 @@ class ModeRows:
         rows, modes, straddling = self.stays.rows, self.modes, self.stays.straddling
         entered = np.zeros(len(rows), dtype=bool)
         entered[1:] = (modes[1:] != modes[:-1]) | (straddling[:-1] & ~straddling[1:])
+        for first, last in self._made_anew:
+            entered[first], entered[last + 1] = True, False
         return entered & ~rows.begins
 
     def _made(self, rows: NDArray[np.intp]) -> Array:

@@ -71,6 +71,9 @@ def identified(
         max_modes=max_modes,
     )
     rows, transitions = _agreeing(ModeRows(stays, given), degree)
+    if whole := _whole_resets(rows):
+        rows = replace(rows, whole=whole)
+        transitions = transitions_of(rows, degree)
     stays, sure = rows.stays, DiscreteCertainty.of(rows.stays)
     noise = stays.noise if sure.noises is None else np.hypot(*sure.noises.sizes)
 
@@ -100,7 +103,7 @@ def identified(
         rollouts,
         (*_shared_exits(made), *seen.sentences(made.automaton.state_names)),
         stays.candidates,
-        int(stays.straddling.sum() - jumps),
+        int(stays.straddling.sum() - jumps - rows.n_made_anew),
         noises=sure.noises,
     )
 
@@ -218,11 +221,49 @@ def _reset(taken: Taken, rows: ModeRows) -> FoundReset | None:
     """The reset of a transition, if the state jumps at most of its switches."""
     if taken.jumped.mean() <= 0.5:
         return None
-    n_states = rows.stays.rows.n_states
+    n_states, n_seen, held = rows.stays.rows.n_states, rows.stays.rows.n_states, 0
+    if (int(taken.source[0]), int(taken.target[0])) in rows.whole:
+        n_seen, held = rows.n_lagged, n_states
     least = _LEAST_NOISE * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
-    errors = SETTINGS.end_of_stay * np.maximum(rows.stays.noise, least)
-    none = np.zeros(0, dtype=np.intp)
-    return best_reset(taken.given[:, :n_states], taken.after, errors, none)
+    noise = np.tile(rows.stays.noise, n_seen // n_states)
+    errors = SETTINGS.end_of_stay * np.maximum(noise, least[:n_seen])
+    return best_reset(taken.given[:, :n_seen], taken.after[:, :n_seen], errors, np.arange(held))
+
+
+def _whole_resets(rows: ModeRows) -> frozenset[Pair]:
+    """Transitions that reset the whole lagged state: those that then leave less of what follows."""
+    powers = rows.stays.feature_map.powers
+    if not rows.stays.rows.lags or powers is None:
+        return frozenset()
+    if (powers[:, : rows.n_lagged].sum(axis=1) > 1).any():
+        return frozenset()  # older rows are not told by equations that are affine in them
+    pairs = {(int(i), int(j)) for i, j in _pairs_of(rows.taken)[rows.taken.jumped]}
+    others, found = replace(rows, whole=frozenset(pairs)), set()
+    for pair in pairs:
+        newest, whole = (
+            one.taken.take((_pairs_of(one.taken) == pair).all(axis=1)) for one in (rows, others)
+        )
+        usual = newest.jumped.mean() > 0.5
+        if usual and len(whole) >= len(newest) and whole.jumped.all():
+            if _cost_of_reset(whole, others) < _cost_of_reset(newest, rows):
+                found.add(pair)
+    return frozenset(found)
+
+
+def _cost_of_reset(taken: Taken, rows: ModeRows) -> float:
+    """Nats of what it leaves of the states that follow, and of its terms; as in `best_reset`."""
+    reset, n_states = _reset(taken, rows), rows.stays.rows.n_states
+    assert reset is not None, "the state jumps at most of its switches"
+    left = reset.left
+    if left.shape[1] > n_states:
+        _, change = rows.older(taken.rows, taken.target)
+        left = np.matmul(change, left[:, n_states:, None])[:, :, 0]
+    least = _LEAST_NOISE * np.maximum(taken.after[:, :n_states].std(axis=0), np.finfo(float).tiny)
+    noise = np.tile(np.maximum(rows.stays.noise, least), left.shape[1] // n_states)
+    goes_on = np.eye(len(reset.reset.offset))
+    n_terms = np.count_nonzero(reset.reset.offset) + np.count_nonzero(reset.reset.matrix - goes_on)
+    missed = np.log(np.maximum(np.abs(left).mean(axis=0), noise)).mean()
+    return float(len(taken) * n_states * missed + n_terms * np.log(max(2, len(taken))))
 
 
 def _of_one_surface(
