@@ -21,8 +21,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # the error above the noise and lets what happened speak before it judges (`_effect_search`),
 # several times if it happened so often (`effects`, which say when; `_output_error`, which makes
 # laws with one effect more each). Automata are found from positions alone: where these turn, and
-# what an impact spoils (`_automaton_search`, with resets of a whole lagged state), beside rates that
-# nobody measures (`_stays`; `top`).
+# what an impact spoils (`_automaton_search`, with resets of a whole lagged state), beside rates
+# that nobody measures (`_stays`; `top`).
 MOST_LINES = {
     "_automaton": 2860,
     "_automaton_search": 4870,
