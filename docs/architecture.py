@@ -39,8 +39,8 @@ STOREYS = [
     (
         "A fitted model",
         "_automaton_regressor _automaton_search _discrete_stays "
-        "_trajectory_identifier _stays _regressor _pipelines uncertainty _free_rollouts refinement "
-        "weak_form _automaton _simulation",
+        "_trajectory_identifier _verdict _stays _regressor _pipelines uncertainty _free_rollouts "
+        "refinement weak_form _automaton _simulation",
     ),
     ("Identification", "_identification _seeding"),
     ("Convex programs", "_classifier _surfaces relaxations _losses _solvers"),

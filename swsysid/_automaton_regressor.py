@@ -5,13 +5,14 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.doubts import untold_switches
 from swsysid._automaton_search.guards import GuardTerms
+from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid._automaton_search.judged import rollout_score
 from swsysid._automaton_search.report import AutomatonReport
 from swsysid._checks.arrays import table
@@ -21,13 +22,18 @@ from swsysid._data.trajectories import places_along
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
-from swsysid._stays.given import read_given
+from swsysid._stays.given import Given, read_given
 from swsysid._stays.search import check_order
 from swsysid._stays.settings import StaySettings
+from swsysid._trajectory_identifier import TrajectoryIdentifier
+from swsysid._verdict.comparison import Split
+from swsysid._verdict.held_out import HeldOutTrajectories
+from swsysid._verdict.judge import Asked, JudgedOnRecordings
+from swsysid._verdict.words import AUTOMATON
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
 
 
-class HybridAutomatonRegressor(BaseEstimator):
+class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
     r"""Identify a hybrid automaton from recordings: guards that remember, states that jump.
 
     A `SwitchingSystemRegressor` has one surface between two modes, whichever way it is crossed. An
@@ -119,6 +125,8 @@ class HybridAutomatonRegressor(BaseEstimator):
         What `refine` gained, and standard errors of laws, guards and resets; None where there was
         nothing to refine: no noise, or no transition.
     report_ : AutomatonReport
+    verdict_ : SwitchingVerdict
+        Whether the modes are to be believed, as that of `TrajectoryIdentifier`.
 
     See Also
     --------
@@ -261,6 +269,7 @@ class HybridAutomatonRegressor(BaseEstimator):
                     refine=refine,
                 )
         self._store(found, given)
+        self._keep(given)
         return self
 
     def simulate(self, x0, t, inputs=None, *, mode=None, **options):
@@ -322,6 +331,23 @@ class HybridAutomatonRegressor(BaseEstimator):
             n_jobs=self.n_jobs,
             random_state=self.random_state,
         )
+
+    def _asked(self, given: Given, split: Split) -> Asked:
+        lags = self.automaton_.lags if self.discrete_time else 0
+
+        def fitted(rows, n_modes, whole, **options):
+            again = clone(self).set_params(n_modes=n_modes, lags=lags, verbose=0, **options)
+            return again.fit(*given.data(rows))
+
+        def law(rows, n_modes, whole, **options):
+            laws = self._estimator().set_params(n_modes=1, coupling="auto", **options)
+            identifier = TrajectoryIdentifier(laws, order=self.order, refine=whole)
+            return identifier.fit(*given.data(rows))
+
+        is_map = self.discrete_time
+        laws = None if is_map else HeldOutTrajectories(given, split, law, self.order)
+        held_out = HeldOutAutomata(given, split, fitted, self, laws)
+        return Asked(held_out, self.feature_library, self.n_modes, AUTOMATON)
 
     def _check_lags(self, discrete: bool) -> None:
         whole("lags", self.lags, least=0, also=("auto",))

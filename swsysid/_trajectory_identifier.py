@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, MetaEstimatorMixin
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
@@ -23,11 +23,14 @@ from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.weighted import weighted
+from swsysid._verdict.comparison import Split
+from swsysid._verdict.held_out import HeldOutTrajectories
+from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
 from swsysid.refinement._rollout_score import rollout_score
 
 
-class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
+class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator):
     r"""Identify a switching system from recordings: noisy states, no derivatives.
 
     With the stays in the modes given, laws, states, switch instants and surfaces of highest
@@ -98,6 +101,9 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     report_ : RecordingReport
         What was found, as text; its ``rollouts`` are what free rollouts of the model leave of the
         recordings, modes told by its own surface, and which of the switches they make.
+    verdict_ : SwitchingVerdict
+        Whether the modes are to be believed: what they leave of recordings held out, beside smooth
+        laws of one mode. It takes some fits more, made when it is first asked for.
 
     See Also
     --------
@@ -127,6 +133,11 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
     x0' = 1.0 x1
     x1' = -1.0 x0 - 0.1 x1
     x1' = -4.0 x0 - 0.1 x1
+
+    No smooth law does as well:
+
+    >>> found.verdict_
+    SwitchingVerdict(SWITCHES, n_modes=2, trusted)
     """
 
     #: Sizes and limits that a fit takes for granted; a subclass may have others.
@@ -197,6 +208,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
                     known=held.found,
                 )  # fmt: skip
             found = origin.told(weighted(search.identified(), search, origin))
+        self._keep(given)
         self.input_holds_ = tuple(map(str, held.holds))
         self._store(found, search, origin, pieces)
         return self
@@ -238,10 +250,7 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
             diverges.
         """
         model, given = self._fitted, between_jumps(read_given(x, t, groups, inputs)).given
-        if given.n_inputs == len(self._holds):
-            known = [Hold.ROW if one == Hold.ROW else Hold.LINE for one in self._holds]
-            given = given.stepped(known)
-        return rollout_score(model, given)
+        return rollout_score(model, self._stepped(given))
 
     def set_params(self, **params):
         """Set parameters, those of the default estimator (``estimator__n_modes``) included."""
@@ -251,6 +260,25 @@ class TrajectoryIdentifier(MetaEstimatorMixin, BaseEstimator):
         return super().set_params(**params)
 
     # -- parts of fit ------------------------------------------------------------------------
+
+    def _asked(self, given: Given, split: Split) -> Asked:
+        order = check_order(self.order)
+        estimator = seeded(check_estimator(self.estimator), self.random_state)
+
+        def fitted(rows, n_modes, whole, **options):
+            asked = clone(estimator).set_params(n_modes=n_modes, **options)
+            again = clone(self).set_params(estimator=asked, refine=whole, verbose=0)
+            return again.fit(*given.data(rows))
+
+        held_out = HeldOutTrajectories(self._stepped(given), split, fitted, order)
+        return Asked(held_out, estimator.feature_library, estimator.n_modes)
+
+    def _stepped(self, given: Given) -> Given:
+        """With the limits of inputs that keep their value until the next row."""
+        if given.n_inputs != len(self._holds):
+            return given
+        known = [Hold.ROW if one == Hold.ROW else Hold.LINE for one in self._holds]
+        return given.stepped(known)
 
     def _store(
         self, found: StayIdentification, search: Search, origin: Origin, pieces: Pieces

@@ -9,6 +9,7 @@ from swsysid._residual_report.findings import Finding, Peak
 from swsysid._residual_report.noise_floor import NoiseFloor, Size, noise_floor
 from swsysid._residual_report.report import ResidualReport, residual_report
 from swsysid._residual_report.whiteness import Whiteness, WhitenessTest, whiteness_test
+from swsysid._verdict.rows import switching_verdict
 
 __all__ = [
     "EffectData",
@@ -26,5 +27,6 @@ __all__ = [
     "WhitenessTest",
     "noise_floor",
     "residual_report",
+    "switching_verdict",
     "whiteness_test",
 ]

@@ -26,6 +26,8 @@ from swsysid._stays.count import CountCandidate
 from swsysid._stays.identification import StayRecord
 from swsysid._stays.recording_report import RecordingReport
 from swsysid._surfaces.margins import MarginCertificate
+from swsysid._verdict.comparison import Verdict
+from swsysid._verdict.verdict import SwitchingVerdict
 from swsysid.relaxations._certificates import FitCertificate
 from swsysid.relaxations._mixed_integer import MipResult
 
@@ -47,7 +49,9 @@ __all__ = [
     "StayRecord",
     "SurfaceCandidate",
     "SwitchEvent",
+    "SwitchingVerdict",
     "Trajectory",
     "Transition",
     "TransitionVerdict",
+    "Verdict",
 ]

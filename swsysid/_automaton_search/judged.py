@@ -136,10 +136,10 @@ def _rolled_out(
 def rollout_score(automaton: HybridAutomaton, given: Given) -> float:
     """Mean coefficient of determination of the states."""
     given = without_limits(given)
-    return determination([_misfit(automaton, record) for record in given.records], given)
+    return determination([left_by_rollout(automaton, record) for record in given.records], given)
 
 
-def _misfit(automaton: HybridAutomaton, record: Record) -> Array:
+def left_by_rollout(automaton: HybridAutomaton, record: Record) -> Array:
     """Measured minus rolled out, from the mode and the state that fit the first samples best."""
     return _left(automaton, record, *start_of(automaton, record))
 

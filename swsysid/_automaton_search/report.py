@@ -45,6 +45,9 @@ class AutomatonReport:
     doubts : tuple of str
         What the recordings do not tell, or tell otherwise than asked: a sentence each.
     advice : str
+    excess : float or None
+        What the laws leave where they are told when to switch, in units of the noise that
+        neighbouring samples show; None where that is not told.
     """
 
     equations: tuple[str, ...]
@@ -60,6 +63,7 @@ class AutomatonReport:
     # none of reports that were saved before these were counted
     n_recordings: int = 0
     n_samples: int = 0
+    excess: float | None = None
 
     @classmethod
     def of(cls, found: IdentifiedAutomaton, asked: int | str, most: int) -> AutomatonReport:
@@ -92,6 +96,7 @@ class AutomatonReport:
             " ".join(untold) or _judgement(found),
             len(found.modes),
             len(modes),
+            found.excess,
         )
 
     def __str__(self) -> str:

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._automaton_regressor import HybridAutomatonRegressor
+from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid._automaton_search.judged import judged_on, rollout_score
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.saving import save_automaton
-from swsysid._cli.terms import Terms
 from swsysid._cli.text import described
-from swsysid._cli.verdict import hold_out
+from swsysid._results import SolverError
 from swsysid._stays.given import read_given
 from swsysid._tables.table import Table, TableError
+from swsysid._trajectory_identifier import TrajectoryIdentifier
+from swsysid._verdict.comparison import hold_out
+from swsysid._verdict.held_out import HeldOutTrajectories
+from swsysid._verdict.judge import Judge
+from swsysid._verdict.terms import Terms
+from swsysid._verdict.verdict import SwitchingVerdict
+from swsysid._verdict.words import COMMAND_LINE
 
 
 def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str) -> int:
@@ -27,20 +36,29 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
         raise TableError("--automaton takes recorded states alone; leave out --derivatives.")
     with own_warnings() as notes:
         samples = measure(table, options.measurement)
-    found, told = automaton_of(samples, options)
+    found, told = automaton_of(samples, options, with_verdict=True)
     beside = [f"note: {note}" for note in notes if note not in told]
     return save_automaton(
         found, samples, "\n\n".join([_recorded(samples), told, *beside]), folder, checksum
     )
 
 
-def automaton_of(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonRegressor, str]:
+def automaton_of(
+    samples: Samples, options: JobOptions, with_verdict: bool = False
+) -> tuple[HybridAutomatonRegressor, str]:
     """An automaton of recordings, and what is said of it."""
+    identification = _Identification(samples, options)
     with own_warnings() as notes:
-        found, held_out = _identified(samples, options)
+        trained = identification.trained()
+        found = identification.fitted(slice(None), options.modes)
     # the advice of the report says what guards do not tell
     told = [f"note: {note}" for note in notes if note not in found.report_.advice]
-    return found, "\n\n".join([str(found.report_), held_out, *told])
+    parts = [str(found.report_), identification.held_out(trained)]
+    if with_verdict:
+        with suppress(ValueError, SolverError):  # no smooth law can be fitted to what is left
+            verdict = identification.verdict(found, trained)
+            parts += [verdict.table(samples.units), verdict.sentence]
+    return found, "\n\n".join([*parts, *told])
 
 
 @contextmanager
@@ -54,37 +72,74 @@ def own_warnings() -> Iterator[list[str]]:
     told += dict.fromkeys(own)
 
 
-def _identified(samples: Samples, options: JobOptions) -> tuple[HybridAutomatonRegressor, str]:
-    """The automaton of all recordings; how one of the training rows rolls out the others."""
-    recorded = samples.recorded
-    assert recorded is not None, "derivatives are refused"
-    split = hold_out(recorded.groups, options.test_fraction, options.random_state)
-    n_columns = samples.X.shape[1]
-    everything = tuple(range(n_columns))
-    terms = Terms(everything, options.library_degree, options.waves, *samples.angles)
-    model = HybridAutomatonRegressor(
-        options.modes,
-        order=options.measurement.order,
-        feature_library=terms.library(n_columns),
-        guard_degree=options.surface_degree,
-        sparsity=options.sparsity,
-        n_jobs=options.n_jobs,
-        random_state=options.random_state,
-        verbose=int(options.verbose),
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the fit to all recordings says the same
-        trained = model.fit(*recorded.named(samples.names, split.train))
-        others = read_given(*recorded.named(samples.names, split.test))
+class _Identification:
+    """An automaton of all recordings, and one of the training rows, which rolls out the others."""
+
+    def __init__(self, samples: Samples, options: JobOptions):
+        recorded = samples.recorded
+        assert recorded is not None, "derivatives are refused"
+        self.recorded, self.samples, self.options = recorded, samples, options
+        self.split = hold_out(recorded.groups, options.test_fraction, options.random_state)
+        everything = tuple(range(samples.X.shape[1]))
+        self.terms = Terms(everything, options.library_degree, options.waves, *samples.angles)
+
+    def trained(self) -> HybridAutomatonRegressor:
+        """Of the training rows; the fit to all says the same."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return self.fitted(self.split.train, self.options.modes)
+
+    def fitted(self, rows: NDArray[np.bool_] | slice, n_modes: int | str, **options: object):
+        """The automaton of some rows."""
+        wishes = self.options
+        model = HybridAutomatonRegressor(
+            n_modes,
+            order=wishes.measurement.order,
+            feature_library=self.terms.library(self.samples.X.shape[1]),
+            guard_degree=wishes.surface_degree,
+            sparsity=wishes.sparsity,
+            n_jobs=wishes.n_jobs,
+            random_state=wishes.random_state,
+            verbose=int(wishes.verbose),
+        )
+        return model.set_params(**options).fit(*self._data(rows))
+
+    def held_out(self, trained: HybridAutomatonRegressor) -> str:
+        """How an automaton of the training rows rolls out the others."""
+        split, others = self.split, read_given(*self._data(self.split.test))
         score = rollout_score(trained.automaton_, others)
         rollouts = judged_on(trained.automaton_, others, trained.noise_)
-    what = "whole trajectories" if split.whole_groups else "the last stretch of each trajectory"
-    well = f"R2 of {score:.4f}" if np.isfinite(score) else "no R2, since a rollout diverges,"
-    held_out = (
-        f"held-out rollouts: {well} on {split.test[recorded.holds_a_state].sum():,} samples, "
-        f"{what}, by an automaton of the others\n{rollouts.sentence()}"
-    )
-    return model.fit(*recorded.named(samples.names, slice(None))), held_out
+        what = "whole trajectories" if split.whole_groups else "the last stretch of each trajectory"
+        well = f"R2 of {score:.4f}" if np.isfinite(score) else "no R2, since a rollout diverges,"
+        n_samples = split.test[self.recorded.holds_a_state].sum()
+        return (
+            f"held-out rollouts: {well} on {n_samples:,} samples, {what}, by an automaton of the "
+            f"others\n{rollouts.sentence()}"
+        )
+
+    def verdict(
+        self, found: HybridAutomatonRegressor, trained: HybridAutomatonRegressor
+    ) -> SwitchingVerdict:
+        """Whether the modes that were found are to be believed."""
+        order, given = self.options.measurement.order, read_given(*self._data(slice(None)))
+
+        def again(rows, n_modes: int | str, whole: bool, **options: object):
+            same = n_modes == trained.n_modes_
+            return trained if same else self.fitted(rows, n_modes, **options)
+
+        def law(rows, n_modes: int | str, whole: bool, **options: object):
+            asked = self.options.regressor(n_modes).set_params(verbose=0, **options)
+            identifier = TrajectoryIdentifier(asked, order=order, refine=whole)
+            return identifier.fit(*self._data(rows))
+
+        laws = HeldOutTrajectories(given, self.split, law, order)
+        held_out = HeldOutAutomata(given, self.split, again, found, laws)
+        judge, asked = Judge(held_out, self.terms), self.options.modes
+        words = replace(COMMAND_LINE, memory="")
+        return judge.verdict(found, judge.judged(found, asked), asked, words=words)
+
+    def _data(self, rows: NDArray[np.bool_] | slice) -> tuple:
+        return self.recorded.named(self.samples.names, rows)
 
 
 def _recorded(samples: Samples) -> str:

@@ -14,14 +14,14 @@ from swsysid._automaton_search.jumps import jumps_of
 from swsysid._cli.automaton import automaton_of, own_warnings
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
-from swsysid._cli.settings import JUDGING
-from swsysid._cli.terms import Terms
 from swsysid._cli.text import described, preparation, units_of_displays
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import stage
 from swsysid._results import Array
 from swsysid._stays.given import read_given
 from swsysid._tables.table import Table, TableError
+from swsysid._verdict.settings import JUDGING
+from swsysid._verdict.terms import Terms
 from swsysid.diagnosis import EffectSearchCV
 from swsysid.effects import Effect, all_effects, special_effects
 

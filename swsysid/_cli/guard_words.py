@@ -8,7 +8,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import median_abs_deviation
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._cli.samples import Samples
@@ -179,38 +178,6 @@ def best_threshold(values: Array, positive: NDArray[np.bool_]) -> float:
     below = np.cumsum(labels)[:-1] + (~labels).sum() - np.cumsum(~labels)[:-1]
     k = int(np.argmax(np.maximum(below, len(labels) - below)))
     return float(ordered[k : k + 2].mean())
-
-
-def memory(modes: NDArray[np.intp], samples: Samples) -> str:
-    """Where each of two modes begins, if one column says it: below one level, above another.
-
-    "" if no column does, if the modes change too seldom to say, or if one level of some column is
-    crossed both ways, which takes no memory: a stop is reached at a speed of one sign and left at
-    one of the other.
-    """
-    order = np.argsort(samples.groups, kind="stable")
-    modes, groups, X = modes[order], samples.groups[order], samples.X[order]
-    last = np.flatnonzero((modes[1:] != modes[:-1]) & (groups[1:] == groups[:-1]))
-    first = last + 1
-    entered = [last[modes[first] == mode] for mode in (0, 1)]
-    if min(map(len, entered)) < WORDING.fewest_switches:
-        return ""
-    crossings = [0.5 * (X[rows] + X[rows + 1]) for rows in entered]
-    levels = [np.median(points, axis=0) for points in crossings]
-    scatter = np.max([median_abs_deviation(points) for points in crossings], axis=0)
-    gap = np.abs(levels[0] - levels[1])
-    sharpness = np.where(gap > 0.0, scatter / np.where(gap > 0.0, gap, 1.0), np.inf)
-    column = int(np.argmin(sharpness))
-    spread = X.std(axis=0)
-    both_ways = np.vstack(crossings).std(axis=0)[spread > 0.0] / spread[spread > 0.0]
-    if sharpness[column] > WORDING.sharp or both_ways.min() <= WORDING.sharp:
-        return ""
-    low, high = sorted((0, 1), key=lambda mode: float(levels[mode][column]))
-    name = samples.names[column]
-    below, above = (
-        f"{levels[mode][column]:.4g} {samples.unit(name)}".rstrip() for mode in (low, high)
-    )
-    return f"mode {low} begins below {name} = {below}, mode {high} above {name} = {above}"
 
 
 def higher_surface(modes: NDArray[np.intp], samples: Samples, degree: int) -> str:

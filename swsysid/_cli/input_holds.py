@@ -9,12 +9,12 @@ from dataclasses import replace
 from swsysid._cli.options import JobOptions
 from swsysid._cli.recorded import Recorded
 from swsysid._cli.samples import Samples
-from swsysid._cli.terms import Terms
 from swsysid._data.recordings import Hold
 from swsysid._stays.given import read_given, without_clipped
 from swsysid._stays.input_holds import hold_sentence, holds_of
 from swsysid._stays.pieces import between_jumps
 from swsysid._trajectory_identifier import TrajectoryIdentifier
+from swsysid._verdict.terms import Terms
 
 
 def with_held_inputs(samples: Samples, terms: Terms, options: JobOptions) -> Samples:

@@ -12,17 +12,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.free import free_of_samples
 from swsysid._cli.from_recordings import FromRecordings, identify_recordings
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
-from swsysid._cli.settings import JUDGING
-from swsysid._cli.terms import Terms
-from swsysid._cli.verdict import Comparison, Rival, Split, Verdict, count_switches, hold_out
 from swsysid._data.features import Monomials
+from swsysid._data.recordings import Record
+from swsysid._data.trajectories import trajectories
+from swsysid._free_rollouts.courses import switches_of_samples
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._stays.given import read_given
 from swsysid._tables.table import Table
+from swsysid._verdict.comparison import Comparison, Split, Verdict, hold_out
+from swsysid._verdict.held_out import free_of_records
+from swsysid._verdict.rows import Rows, compared_rows
+from swsysid._verdict.settings import JUDGING
+from swsysid._verdict.terms import Terms
+from swsysid._verdict.verdict import SwitchingVerdict
+from swsysid._verdict.words import COMMAND_LINE
+from swsysid.differentiation import estimate_noise
 
 
 @dataclass(frozen=True)
@@ -37,18 +45,20 @@ class JobResult:
     options: JobOptions
     terms: Terms  # of the laws of the model
     split: Split
-    comparison: Comparison  # of the modes that were found with smooth laws of one mode
-    given_up: int | None  # modes that "auto" found before a smooth law proved as good
+    verdict: SwitchingVerdict  # on the modes that were found
     position_gain: float | None  # by which positions lower the error, where that decided
     notes: tuple[str, ...] = ()  # what the fit to derivatives warned about
     remark: str = ""  # why the model is one of derivatives, where they were computed
-    free: FreeRollouts | None = None  # of a model of derivatives; None without times
 
     @property
-    def free_rollouts(self) -> list[FreeRollouts | None]:
-        """What free rollouts leave of the trajectories, and of those that are held out."""
-        found = self.found
-        return [self.free] if found is None else [found.free, found.free_of_held_out]
+    def comparison(self) -> Comparison:
+        """The modes that were found beside smooth laws of one mode."""
+        return self.verdict.comparison
+
+    @property
+    def given_up(self) -> int | None:
+        """Modes that "auto" found before a smooth law proved as good."""
+        return self.verdict.given_up
 
 
 def run_job(table: Table, options: JobOptions) -> JobResult:
@@ -73,8 +83,7 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
         options=options,
         terms=found.terms,
         split=found.split,
-        comparison=found.comparison,
-        given_up=found.given_up,
+        verdict=found.verdict,
         position_gain=position_gain,
     )
 
@@ -83,14 +92,31 @@ def _from_derivatives(
     samples: Samples, terms: Terms, split: Split, options: JobOptions
 ) -> JobResult:
     """What derivatives alone say."""
-    what = options.measurement
-    model, notes = _fit_with_notes(_regressor(terms, samples, options, options.modes), samples)
-    comparison = _compare(model, terms, samples, split, options)
+
+    def estimator(terms: Terms, n_modes: int | str) -> SwitchingSystemRegressor:
+        return _regressor(terms, samples, options, n_modes)
+
+    model, notes = _fit_with_notes(estimator(terms, options.modes), samples)
+    comparison = compared_rows(model, _rows(samples), split, terms, estimator)
     given_up = None
     if options.modes == "auto" and comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE):
         given_up, terms = model.n_modes_, comparison.best.terms
-        plain = _regressor(terms, samples, options, 1).set_params(sparsity="auto")
+        plain = estimator(terms, 1).set_params(sparsity="auto")
         model, notes = _fit_with_notes(plain, samples)
+    has_rollouts = not options.measurement.quantity
+    verdict = SwitchingVerdict(
+        comparison,
+        model.n_modes_,
+        options.modes,
+        samples.rate_names[samples.n_known :],
+        str(terms),
+        int(split.train.sum()),
+        split.whole_groups,
+        model.n_modes_ > 1,
+        free=_free_rollouts(model, samples) if has_rollouts else None,
+        given_up=given_up,
+        words=COMMAND_LINE,
+    )
     return JobResult(
         model=model,
         modes=model.modes_,
@@ -100,12 +126,36 @@ def _from_derivatives(
         options=options,
         terms=terms,
         split=split,
-        comparison=comparison,
-        given_up=given_up,
+        verdict=verdict,
         position_gain=None,
         notes=notes,
-        free=None if what.quantity else free_of_samples(model, samples, model.modes_),
     )
+
+
+def _rows(samples: Samples) -> Rows:
+    return Rows(samples.frame, samples.Xdot, samples.groups, samples.n_known)
+
+
+def _free_rollouts(model: SwitchingSystemRegressor, samples: Samples) -> FreeRollouts | None:
+    """Of a model of derivatives along the trajectories; None where the times are not known."""
+    if samples.t is None:
+        return None
+    recorded, n_states = samples.recorded, samples.Xdot.shape[1]
+    if recorded is not None and samples.smoothing is not None:
+        given = read_given(*recorded.named(samples.names, slice(None)))
+        records, labels = given.records, given.labels
+        noise = samples.smoothing.noise[: given.n_channels]
+    else:
+        rows = trajectories(samples.groups)
+        X, t = samples.X, samples.t
+        records = [Record(t[own], X[own, :n_states], X[own, n_states:]) for _, own in rows]
+        labels = [label for label, _ in rows]
+        noise = estimate_noise(X[:, :n_states], samples.groups)
+    switches = [
+        switches_of_samples(samples.t[own], model.modes_[own])
+        for own in (samples.groups == label for label in labels)
+    ]
+    return free_of_records(model, records, labels, noise, samples.names, switches)
 
 
 def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, float | None]:
@@ -117,7 +167,7 @@ def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, 
         return full, None
     if options.position == "no":
         return without, None
-    model = _fit_quietly(_regressor(full, samples, options, options.modes), samples, split.train)
+    model = _rows(samples).fitted(_regressor(full, samples, options, options.modes), split.train)
     worth = _worth_of_positions(model, samples, split.train, options)
     return (full if worth >= JUDGING.worth else without), worth
 
@@ -128,41 +178,6 @@ def _regressor(
     return options.regressor(n_modes, feature_library=terms.library(samples.X.shape[1]))
 
 
-def _compare(
-    model: SwitchingSystemRegressor,
-    terms: Terms,
-    samples: Samples,
-    split: Split,
-    options: JobOptions,
-) -> Comparison:
-    """The model's modes, searched for in the training rows alone, against smooth laws."""
-    frame = samples.frame
-    shares = np.bincount(model.modes_[split.train], minlength=model.n_modes_) / split.train.sum()
-    is_seen = shares >= JUDGING.rare_mode
-    judged = split.test & is_seen[model.modes_]
-    judged = judged if judged.any() else split.test
-
-    def errors(terms: Terms, n_modes: int):
-        again = _regressor(terms, samples, options, n_modes)
-        fitted = _fit_quietly(again, samples, split.train)
-        return (samples.Xdot[judged] - fitted.predict(frame[judged]))[:, samples.n_known :]
-
-    smooth = [terms, *terms.richer(int(split.train.sum()))]
-    predicted = model.predict_modes(frame)
-    constant = bool(model.n_modes_ > 1 and (predicted == predicted[0]).all())
-    laws = model.mode_velocities(frame[judged])
-    told = samples.Xdot[judged] - laws[model.modes_[judged], np.arange(judged.sum())]
-    return Comparison(
-        errors=errors(terms, int(is_seen.sum())),
-        rivals=tuple(Rival(each, errors(each, 1)) for each in smooth),
-        spread=samples.Xdot[judged, samples.n_known :].std(axis=0),
-        n_switches=count_switches(predicted, samples.groups),
-        constant=constant,
-        told_by_rates=None if np.isnan(model.guard_score_) else told[:, samples.n_known :],
-        untested=tuple(int(mode) for mode in np.flatnonzero(~is_seen)),
-    )
-
-
 def _fit_with_notes(
     estimator: SwitchingSystemRegressor, samples: Samples
 ) -> tuple[SwitchingSystemRegressor, tuple[str, ...]]:
@@ -171,14 +186,6 @@ def _fit_with_notes(
         warnings.simplefilter("always", UserWarning)
         estimator.fit(samples.frame, samples.Xdot, groups=samples.groups)
     return estimator, tuple(str(warning.message) for warning in caught)
-
-
-def _fit_quietly(estimator, samples: Samples, rows) -> SwitchingSystemRegressor:
-    """A fit for comparison: what it warns about is no news of the model that is delivered."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        X, Xdot, groups = samples.frame[rows], samples.Xdot[rows], samples.groups[rows]
-        return estimator.fit(X, Xdot, groups=groups)
 
 
 def _worth_of_positions(model, samples: Samples, train, options: JobOptions) -> float:

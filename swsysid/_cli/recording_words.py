@@ -13,6 +13,7 @@ from swsysid._cli.settings import RECORDINGS
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._rendering.printing import counted, determined
 from swsysid._stays.doubts import mode_doubts
+from swsysid._verdict.settings import JUDGING
 
 
 def standard_errors(
@@ -37,7 +38,7 @@ def recording_text(found: FromRecordings, samples: Samples, options: JobOptions)
     fewer = mode_doubts(n_modes, options.modes, 0)
     doubts = dict.fromkeys([*fewer, *found.identifier.report_.doubts])
     lines = [_left_over(found, samples, options), found.free.sentence(time_unit)]
-    held_out = free_of_held_out(found.free_of_held_out, time_unit)
+    held_out = free_of_held_out(found.verdict.free_of_held_out, time_unit)
     return "\n".join([*lines, *held_out, *doubts, *_instants(found, samples)])
 
 
@@ -49,29 +50,11 @@ def free_of_held_out(free: FreeRollouts | None, time_unit: str) -> list[str]:
     return [f"Held out, by laws of the others: {said[:1].lower()}{said[1:]}"]
 
 
-def distrust(rollouts: Sequence[FreeRollouts | None], time_unit: str) -> str:
-    """For how long the model is to be trusted by itself; "" where it always is."""
-    breaks = [one.first_break for one in rollouts if one is not None]
-    follows = [one.follows for one in breaks if one is not None]
-    if not follows:
-        return ""
-    if min(follows) <= 0.0:
-        return (
-            "By itself the model leaves the noise from the start, as free rollouts show: it "
-            "predicts less well than it fits."
-        )
-    return (
-        f"By itself the model leaves the noise {min(follows):.3g} {time_unit or 'units of time'} "
-        "after a known state, as free rollouts show: from there on it predicts less well than it "
-        "fits."
-    )
-
-
 def _left_over(found: FromRecordings, samples: Samples, options: JobOptions) -> str:
     span = "whole trajectories" if found.whole else "stretches of 30 samples"
     begin = f"Identified from the trajectories as they were measured. Over {span} rollouts leave "
-    if (found.excess <= RECORDINGS.noise_alone).all():
-        report = found.identifier.report_
+    report = found.identifier.report_
+    if (report.excess <= JUDGING.noise_alone).all():
         noise = ", ".join(
             f"{name} {size:.2g} {samples.unit(name)}".rstrip()
             for name, size in zip(report.channels, report.noise, strict=True)
@@ -79,9 +62,9 @@ def _left_over(found: FromRecordings, samples: Samples, options: JobOptions) -> 
         freely = "noise where switches are told" if found.free.n_switches else "little but noise"
         alone = "nothing but noise" if found.free.holds else freely
         return f"{begin}{alone}: {noise}."
-    worst = int(np.argmax(found.excess))
+    worst = int(np.argmax(report.excess))
     return (
-        f"{begin}{found.excess[worst]:.2g} times the noise of {samples.names[worst]}: "
+        f"{begin}{report.excess[worst]:.2g} times the noise of {samples.names[worst]}: "
         f"{options.missing}."
     )
 

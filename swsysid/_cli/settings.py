@@ -55,9 +55,8 @@ class Recordings:
     most_samples: int = 200_000
     # The same for a pipeline of transformers, which takes some fifty times as long for a step.
     most_of_pipelines: int = 2_000
-    # Times the noise of neighbouring samples from which on rollouts leave more than noise.
-    noise_alone: float = 1.3
-    # The same, from which on what the laws lack decides the answer and not the noise.
+    # Times the noise of neighbouring samples that rollouts leave from which on what the laws lack
+    # decides the answer and not the noise.
     hopeless: float = 10.0
     # Times the error of derivatives that the model of derivatives has, where rollouts leave more
     # than noise; right laws may have this much, for smoothing bends derivatives at a switch.
@@ -65,42 +64,6 @@ class Recordings:
     # Trajectories, and switches of each, whose instants are printed; the file holds all.
     most_trajectories: int = 8
     most_instants: int = 8
-
-
-@dataclass(frozen=True)
-class Judging:
-    """From errors on held-out rows to a verdict."""
-
-    # From so many trajectories on whole ones are held out; fewer would make a lottery of the rest.
-    whole_groups: int = 5
-    blocks: int = 10  # contiguous stretches on which two models are compared, taken as independent
-    exact: float = 1e-12  # squared errors below this fraction of the largest are round-off
-    # Share of the error by which a richer model must be better to be worth having.
-    worth: float = 0.05
-    certain: float = 2.0  # standard errors from which on a gain is called certain: two-sided 5 %
-    # Share of a smooth law's error: modes that leave less are no imitation of a curve; and of the
-    # spread: one law whose free rollouts leave more predicts nothing.
-    half: float = 0.5
-    # Share of the error of one law's free rollouts that laws leave which are told their modes: a
-    # heat pump, a cycler, a car and cells leave a sixth at most, a tank behind one that nobody
-    # measured, which is no switch, half.
-    told: float = 1.0 / 3.0
-    # Held-out rows, and changes of the mode, that allow a verdict.
-    fewest_rows: int = 50
-    fewest_switches: int = 5
-    rare_mode: float = 0.005  # share of the training rows below which a mode is absent from them
-    # Features of a richer law that is only tried, and rows that each of them needs.
-    most_features: int = 200
-    rows_a_feature: int = 5
-    # Samples of a held-out stretch, as where a recording is identified; turns that look for its
-    # start, and their first damping, relative to the diagonal.
-    stretch: int = 30
-    turns: int = 12
-    damping: float = 1e-3
-    # Samples that tell where a trajectory starts of which the model has seen nothing: its error is
-    # then a fifth of the noise.
-    samples_of_start: int = 100
-    integrated: float = 1e-5  # of a state's spread: to this rollouts are exact, without noise too
 
 
 @dataclass(frozen=True)
@@ -117,11 +80,7 @@ class Wording:
     same_side: float = 0.99  # share of the samples on which fewer terms must say the same as all
     no_constant: float = 0.001  # share of the samples that a constant has to put right to be told
     levels: int = 8  # values of an input up to which those on each side of a surface are listed
-    # Scatter of switches in distances of two thresholds, and switches to each side, that still
-    # show a memory.
-    sharp: float = 0.25
-    fewest_switches: int = 3
 
 
-PREPARING, CLOCKS, RECORDINGS = Preparing(), Clocks(), Recordings()
-JUDGING, WORDING = Judging(), Wording()
+PREPARING, CLOCKS = Preparing(), Clocks()
+RECORDINGS, WORDING = Recordings(), Wording()

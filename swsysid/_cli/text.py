@@ -4,31 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from swsysid._cli.guard_words import higher_surface, memory, regions
+from swsysid._cli.guard_words import higher_surface, regions
 from swsysid._cli.job import JobResult
 from swsysid._cli.physics_words import physics
-from swsysid._cli.recording_words import distrust, recording_text, standard_errors
+from swsysid._cli.recording_words import recording_text, standard_errors
 from swsysid._cli.samples import Samples
-from swsysid._cli.settings import JUDGING, WORDING
-from swsysid._cli.terms import Terms
-from swsysid._cli.verdict_words import n_compared, verdict_text
+from swsysid._cli.settings import WORDING
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._rendering.printing import linear_combination, ordinal, text_table
+from swsysid._rendering.printing import linear_combination, ordinal
 from swsysid._results import Array
 from swsysid._surfaces.surface import solves_margin_program
+from swsysid._verdict.memory import memory
+from swsysid._verdict.terms import Terms
 
 
 def render(result: JobResult) -> str:
     """The whole text, sections separated by empty lines."""
+    samples, verdict = result.samples, result.verdict
     if result.found is not None:
-        told = recording_text(result.found, result.samples, result.options)
+        told = recording_text(result.found, samples, result.options)
     else:
-        rolled = [] if result.free is None else [result.free.sentence(result.samples.time_unit)]
+        rolled = [] if verdict.free is None else [verdict.free.sentence(samples.time_unit)]
         told = "\n".join(part for part in [result.remark, *rolled] if part)
-    parts = [_data(result), *_laws(result), _guards(result), told]
-    sure = distrust(result.free_rollouts, result.samples.time_unit)
-    parts += [_errors(result), "\n".join(part for part in [verdict_text(result), sure] if part)]
-    return "\n\n".join(part for part in parts if part)
+    said = [verdict.sentence, _stability(result), verdict.distrust(samples.time_unit)]
+    parts = [_data(result), *_laws(result), _guards(result), told, verdict.table(samples.units)]
+    return "\n\n".join(part for part in [*parts, "\n".join(filter(None, said))] if part)
+
+
+def _stability(result: JobResult) -> str:
+    """How sure the search in derivatives was that modes were delivered from."""
+    if result.found is not None or result.model.n_modes_ == 1:
+        return ""
+    return f"The same answer came from {100 * result.declared.stability_:.0f} % of the starts."
 
 
 def with_effects(model: EffectRegressor) -> str:
@@ -191,65 +198,6 @@ def _guards(result: JobResult) -> str:
         "--inputs."
     )
     return "\n    ".join(lines)
-
-
-def _errors(result: JobResult) -> str:
-    comparison = result.comparison
-    # the law of one mode with the same terms, and the best one if it is another
-    shown = {rival.terms: rival for rival in (comparison.rivals[0], comparison.best)}
-    columns = [("spread", comparison.spread)]
-    if comparison.noise is not None:
-        columns = [("noise", comparison.noise)]
-    columns += [(f"one mode, {terms}", _rms(rival.errors)) for terms, rival in shown.items()]
-    n_modes = n_compared(result)
-    if n_modes > 1:
-        columns.append((f"{n_modes} modes, {comparison.rivals[0].terms}", _rms(comparison.errors)))
-    lines, names = [_what_is_held_out(result)], _judged_names(result)
-    cells = [(title, ">10", [f"{value:.4g}" for value in values]) for title, values in columns]
-    lines += [f"    {line}" for line in text_table([("", "<1", names), *cells], gap="  ")]
-    if comparison.seen:
-        lines.append(
-            f"    The {n_modes} modes have seen these samples too, and are no better even so."
-        )
-    if comparison.untested:
-        listed = ", ".join(map(str, comparison.untested))
-        which, whose = ("Mode", "its") if len(comparison.untested) == 1 else ("Modes", "their")
-        lines.append(
-            f"    {which} {listed}: found in the held-out part only, so that no other samples test "
-            f"{whose} law; {whose} samples are left out of these errors."
-        )
-    return "\n".join(lines)
-
-
-def _what_is_held_out(result: JobResult) -> str:
-    whole = result.split.whole_groups
-    what = "whole trajectories" if whole else "the last stretch of each trajectory"
-    trained = int(result.split.train.sum())
-    if result.found is not None and result.samples.recorded is not None:
-        trained = int(result.split.train[result.samples.recorded.holds_a_state].sum())
-    if result.comparison.noise is None:
-        return (
-            f"held-out error: RMSE on {len(result.comparison.errors)} samples, {what}, by models "
-            f"trained on the other {trained}"
-        )
-    return (
-        f"held-out error: RMSE of rollouts over stretches of {JUDGING.stretch} samples, on "
-        f"{len(result.comparison.errors)} samples, {what}, by laws of the other {trained}"
-    )
-
-
-def _judged_names(result: JobResult) -> list[str]:
-    """Rates, or the states that were measured."""
-    samples, noise = result.samples, result.comparison.noise
-    if noise is None:
-        names = samples.rate_names[samples.n_known :]
-    else:
-        names = samples.names[: len(noise)]
-    return [samples.with_unit(name) for name in names]
-
-
-def _rms(errors):
-    return np.sqrt(np.nanmean(errors**2, axis=0))
 
 
 def units_of_displays(samples: Samples) -> dict[str, str]:

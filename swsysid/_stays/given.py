@@ -70,6 +70,27 @@ class Given:
         ordered[rows[rows >= 0]] = joined[rows >= 0]
         return ordered
 
+    def data(self, kept: NDArray[np.bool_] | slice = slice(None)) -> tuple:
+        """Some of the rows of the user's data as a fit takes them: x, t, groups and inputs."""
+        columns = [self.by_rows([record.y for record in self.records])[kept]]
+        t = self.by_rows([record.t for record in self.records])[kept]
+        if self.n_inputs:
+            columns.append(self.by_rows([record.u for record in self.records])[kept])
+        names = self.names
+        if names is not None:
+            import pandas as pd
+
+            n = self.n_channels
+            parts = zip(columns, (names[:n], names[n:]), strict=False)
+            columns = [pd.DataFrame(one, columns=own) for one, own in parts]
+        inputs = columns[1] if self.n_inputs else None
+        return columns[0], t, self.places[kept], inputs
+
+    @property
+    def places(self) -> NDArray[np.intp]:
+        """Which recording each of the rows of the user's data belongs to."""
+        return self.by_rows([np.full(len(rows), k) for k, rows in enumerate(self.rows)])
+
     @property
     def measured(self) -> Given:
         """The same without rows where inputs step."""

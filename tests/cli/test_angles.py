@@ -8,11 +8,11 @@ from swsysid._cli.job import run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import measure
-from swsysid._cli.terms import LawTerms, Terms
 from swsysid._cli.text import render
 from swsysid._data.trajectories import turn_of
 from swsysid._results import IdentificationWarning
 from swsysid._tables.table import Table
+from swsysid._verdict.terms import LawTerms, Terms
 from swsysid.differentiation import differentiate
 
 T = 0.01 * np.arange(1500)

@@ -39,6 +39,7 @@ def test_a_thermostat_is_found_judged_and_saved(file, tmp_path, capsys):
     assert float(down[1]) == pytest.approx(18.0, abs=0.01)
     score = re.search(r"R2 of (\S+) on 360 samples, the last stretch of each trajectory", text)
     assert float(score[1]) > 0.999
+    assert "\nSwitching predicts the held-out samples clearly better than one mode" in text
     saved = HybridAutomaton.from_dict(json.loads((tmp_path / "automaton.json").read_text()))
     assert len(saved.transitions) == 2
     assert (tmp_path / "identification.txt").read_text().strip() in text

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from swsysid import load_model, save_model
-from swsysid._cli.guard_words import inequality, memory, regions
+from swsysid._cli.guard_words import inequality, regions
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.samples import measure
-from swsysid._cli.terms import Terms
 from swsysid._cli.text import render
-from swsysid._cli.verdict import (
+from swsysid._tables.table import Table
+from swsysid._verdict.comparison import (
     Comparison,
     Rival,
     Verdict,
@@ -23,7 +23,8 @@ from swsysid._cli.verdict import (
     hold_out,
     relative_error,
 )
-from swsysid._tables.table import Table
+from swsysid._verdict.memory import memory
+from swsysid._verdict.terms import Terms
 
 SAYINGS = (
     "clearly better than one mode: than",

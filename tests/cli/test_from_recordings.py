@@ -13,6 +13,7 @@ from swsysid._cli import from_recordings
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.recorded import Recorded
 from swsysid._cli.settings import RECORDINGS
+from swsysid._verdict.settings import JUDGING
 from swsysid.refinement import StatedModel, StatedSurface
 
 FREE = [[0.0, 0.0, 1.0, 0.0], [0.0, -1.0, -0.2, 1.0]]  # of 1, x, v and the force
@@ -99,7 +100,7 @@ def test_laws_that_lack_something_are_called_so(contact, tmp_path, capsys):
 
 
 def test_where_the_laws_lack_very_much_derivatives_decide(contact, tmp_path, capsys, monkeypatch):
-    strict = replace(RECORDINGS, hopeless=RECORDINGS.noise_alone)
+    strict = replace(RECORDINGS, hopeless=JUDGING.noise_alone)
     monkeypatch.setattr(from_recordings, "RECORDINGS", strict)
     arguments = [contact[0], "--states", "x", "v", *ROLES, "--modes", "1"]
     text = text_of([*arguments, "--output", str(tmp_path)], capsys)

@@ -21,7 +21,7 @@ def test_a_command_is_held_where_laws_are_fitted_and_where_they_are_judged():
     assert any(remark.startswith("u keeps its value until") for remark in done.samples.remarks)
     coef, errors = done.found.identifier.estimator_.coef_, done.found.identifier.coef_errors_
     assert (np.abs(coef - [0.0, -DECAY, GAIN]) <= 2.0 * errors).all()
-    unseen = done.found.free_of_held_out
+    unseen = done.found.verdict.free_of_held_out
     assert unseen.holds and unseen.left[0] <= 1.2
     assert len(done.modes) == len(done.samples.X)
 

@@ -10,8 +10,8 @@ from swsysid._cli.guard_words import higher_surface
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.text import render
-from swsysid._cli.verdict import Verdict
 from swsysid._tables.table import Table
+from swsysid._verdict.comparison import Verdict
 from swsysid.refinement import StatedModel, StatedSurface
 
 NOISE = 0.01

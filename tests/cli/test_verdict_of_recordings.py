@@ -5,16 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swsysid._cli.held_out import HeldOut
+from swsysid._cli.from_recordings import _Identification
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
-from swsysid._cli.recording_words import distrust
-from swsysid._cli.settings import JUDGING
-from swsysid._cli.stretches import Stretches
 from swsysid._cli.text import render
-from swsysid._cli.verdict import Verdict, certainty
 from swsysid._data.recordings import Record
 from swsysid._tables.table import Table
+from swsysid._verdict.comparison import Verdict, certainty
+from swsysid._verdict.settings import JUDGING
+from swsysid._verdict.stretches import Stretches
+from swsysid._verdict.words import distrust
 from swsysid.refinement import StatedModel, StatedSurface
 
 T = np.arange(0.0, 7.5, 0.05)
@@ -104,12 +104,12 @@ def test_auto_gives_modes_up_for_a_cubic_law_and_delivers_it(monkeypatch):
 @pytest.mark.nightly
 def test_auto_tries_one_mode_more_before_a_law_that_leaves_more_than_noise(monkeypatch):
     """Diodes clip v' = source - v at 0.5 both ways; a cubic law beats the two modes found first."""
-    identified = HeldOut.identified
+    identified = _Identification.identified
 
-    def two_first(self, terms, n_modes, **options):
-        return identified(self, terms, 2 if n_modes == "auto" else n_modes, **options)
+    def two_first(self, terms, n_modes, whole, **options):
+        return identified(self, terms, 2 if n_modes == "auto" else n_modes, whole, **options)
 
-    monkeypatch.setattr(HeldOut, "identified", two_first)
+    monkeypatch.setattr(_Identification, "identified", two_first)
     edges = StatedSurface(
         [[-0.5, 1.0, 0.0], [0.5, 1.0, 0.0]], mode_book=[[-1, 1], [1, 1], [-1, -1]]
     )

@@ -8,8 +8,8 @@ import pytest
 
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
-from swsysid._cli.verdict import Verdict
 from swsysid._tables.table import Table
+from swsysid._verdict.comparison import Verdict
 from swsysid.datasets import _measured
 from swsysid.datasets._sources import SOURCES, MeasuredDataError, Source, locate
 from swsysid.differentiation import differentiate

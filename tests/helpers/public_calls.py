@@ -22,7 +22,12 @@ from swsysid import (
     plotting,
     solve_mip,
 )
-from swsysid.diagnosis import noise_floor, residual_report, whiteness_test
+from swsysid.diagnosis import (
+    noise_floor,
+    residual_report,
+    switching_verdict,
+    whiteness_test,
+)
 from swsysid.differentiation import differentiate, estimate_noise, inspect_sensors
 from swsysid.effects import CoulombFriction, PlacedEffect
 from swsysid.refinement import StatedModel, StatedSurface, initial_states, refine
@@ -461,6 +466,12 @@ def _of_residuals():
         ),
         "X Xdot t groups signals n_lags n_permutations significance random_state model",
         t="times?",
+    )
+    yield _call(
+        "switching_verdict",
+        _given(switching_verdict, model=_model),
+        _some("X", "groups", Xdot="y"),
+        "X Xdot groups model",
     )
     yield _call(
         "noise_floor",

@@ -17,7 +17,7 @@ PACKAGE = Path(swsysid.__file__).parent
 LAYERS = """
 _checks _rendering _results _ties _whole_or_nothing _noise _data _tables differentiation metrics
 _solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding _identification
-_simulation _automaton weak_form _free_rollouts _regressor uncertainty _stays refinement
+_simulation _automaton weak_form _free_rollouts _regressor uncertainty _stays refinement _verdict
 _trajectory_identifier
 _discrete_stays _automaton_search _automaton_regressor _effect_model
 _effect_regressor datasets

@@ -20,8 +20,8 @@ from swsysid import (
     save_model,
 )
 from swsysid._automaton_search.certificates import Certificate
-from swsysid._cli.verdict import Verdict
 from swsysid._saving.values import read_objects, write_objects
+from swsysid._verdict.comparison import Verdict
 from swsysid._whole_or_nothing import write_text, written_beside
 from swsysid.effects import CoulombFriction, QuadraticDrag
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.settings import JUDGING
 from swsysid._data.recordings import Record
 from swsysid._data.trajectories import spread
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
+from swsysid._verdict.settings import JUDGING
 from swsysid.refinement._parameters import Parametrization
 from swsysid.refinement._shooting import Pieces, Shooting, Units
 from swsysid.refinement._system import System, substeps_for

@@ -1,4 +1,4 @@
-"""The terms that a law may have, and the regressor that looks for such laws."""
+"""The terms that a law may have, and those that smooth laws try in place of modes."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from sklearn.compose import ColumnTransformer
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._cli.settings import JUDGING
 from swsysid._data.features import FunctionLibrary, Monomials
 from swsysid._results import Array
+from swsysid._verdict.settings import JUDGING
 
-_DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
+DEGREES = {0: "linear", 1: "affine", 2: "quadratic", 3: "cubic"}
 
 
 @dataclass(frozen=True)
 class Terms:
     """Terms of a law: products of columns of X, and sines and cosines of angles among them.
 
-    Where no column is known to be an angle, any may be one.
+    Where no column is known to be an angle, any may be one. A library of the user's has its own.
     """
 
     columns: tuple[int, ...]
@@ -31,9 +31,20 @@ class Terms:
     waves: bool = False
     angles: tuple[int, ...] = ()  # columns that are known to be angles
     degrees: tuple[int, ...] = ()  # columns in degrees: their sines and cosines are of radians
+    own: BaseEstimator | None = None  # in place of all these
 
-    def library(self, n_columns: int) -> int | TransformerMixin | None:
+    @classmethod
+    def of(cls, library: int | BaseEstimator | None, n_columns: int) -> Terms:
+        """Those of the feature library of a regressor whose X has so many columns."""
+        columns = tuple(range(n_columns))
+        if library is None or isinstance(library, (int, np.integer)):
+            return cls(columns, int(library or 0))
+        return cls(columns, 1, own=library)
+
+    def library(self, n_columns: int) -> int | TransformerMixin | BaseEstimator | None:
         """The feature library of a regressor whose X has so many columns."""
+        if self.own is not None:
+            return self.own
         if len(self.columns) == n_columns and not self.waves:
             return self.degree or None
         terms = PolynomialFeatures(self.degree or 1, include_bias=self.degree > 0)
@@ -47,8 +58,10 @@ class Terms:
         )
         return make_pipeline(chosen, terms)
 
-    def at_once(self) -> TransformerMixin:
+    def at_once(self) -> TransformerMixin | BaseEstimator:
         """The same as one transformer, for models that are not kept."""
+        if self.own is not None:
+            return self.own
         turning = self.turning if self.waves else ()
         return LawTerms(self.columns, self.degree, turning, self.degrees)
 
@@ -82,26 +95,20 @@ class Terms:
 
     def richer(self, n_rows: int) -> Sequence[Terms]:
         """Smooth laws with more terms: one degree more, two more, and sines of the columns."""
-        least = max(self.degree, 1)
+        plain, least = replace(self, own=None), max(self.degree, 1)
         more = [
-            replace(self, degree=least + 1),
-            replace(self, degree=least + 2),
-            replace(self, degree=least, waves=True),
+            replace(plain, degree=least + 1),
+            replace(plain, degree=least + 2),
+            replace(plain, degree=least, waves=True),
         ]
         most = min(JUDGING.most_features, n_rows / JUDGING.rows_a_feature)
         return [terms for terms in more if terms != self and terms.n_features <= most]
 
     def __str__(self) -> str:
-        products = _DEGREES.get(self.degree, f"degree-{self.degree}")
+        if self.own is not None:
+            return "the same"
+        products = DEGREES.get(self.degree, f"degree-{self.degree}")
         return f"{products} and sine" if self.waves else products
-
-    @property
-    def option(self) -> str:
-        """The words of the command line that ask for such a law; "" if there are none."""
-        if self.waves:
-            return "--library trigonometric" if self.degree <= 1 else ""
-        word = _DEGREES.get(self.degree)
-        return f"--library {word}" if word else f"--library-degree {self.degree}"
 
 
 class LawTerms(TransformerMixin, BaseEstimator):

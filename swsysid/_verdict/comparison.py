@@ -1,4 +1,4 @@
-"""Held-out rows, and the one verdict about a switching model: is switching there, how surely."""
+"""Held-out rows, and what they say about a switching model: is switching there, how surely."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.settings import JUDGING, RECORDINGS
-from swsysid._cli.terms import Terms
 from swsysid._data.trajectories import places_along
 from swsysid._results import Array
-from swsysid._tables.table import TableError
+from swsysid._verdict.settings import JUDGING
+from swsysid._verdict.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Split:
 def hold_out(groups: NDArray, fraction: float, random_state: int) -> Split:
     """Rows to test on: whole trajectories if there are enough, else the last of each."""
     if not 0.0 < fraction < 1.0:
-        raise TableError(f"The test fraction {fraction:g} is not between 0 and 1.")
+        raise ValueError(f"The test fraction {fraction:g} is not between 0 and 1.")
     names, codes = np.unique(groups, return_inverse=True)
     whole = len(names) >= JUDGING.whole_groups
     if whole:
@@ -41,7 +40,7 @@ def hold_out(groups: NDArray, fraction: float, random_state: int) -> Split:
     else:
         test = places_along(codes) / np.bincount(codes)[codes] >= 1.0 - fraction
     if not test.any() or test.all():
-        raise TableError(
+        raise ValueError(
             f"{len(groups)} samples can be judged, too few to hold out {fraction:g} of them; give "
             "a recording of some dozens of samples."
         )
@@ -58,7 +57,7 @@ class Verdict(Enum):
     TOO_FEW = "too few rows or switches to judge"
     USELESS = "nothing predicts better than the mean"
     UNREPEATED = "right for all that was recorded, which laws of a part of it do not repeat"
-    HIDDEN = "the surface is constant: the columns do not say which mode is active"
+    HIDDEN = "the modes are there, and nothing that was measured says which one is active"
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,8 @@ class Comparison:
     spread: Array  # standard deviations of what is held out
     n_switches: int  # changes of the mode along the trajectories
     constant: bool  # the surface gives one mode to all samples
-    # Errors where each sample has the mode that its own rates tell; None if they do not tell.
+    # Errors where each sample has the mode that its own rates tell, or of samples that are told
+    # their modes, (1, n_columns); None if they do not tell.
     told_by_rates: Array | None
     # Modes that are nearly absent from the training part; their held-out rows are left out.
     untested: tuple[int, ...]
@@ -119,14 +119,20 @@ class Comparison:
     @property
     def hidden(self) -> bool:
         """True if the rates show modes that no law of one mode imitates, and the columns do not."""
-        if not self.constant or self.told_by_rates is None:
-            return False
-        return self._size(self.told_by_rates) < JUDGING.half * self._size(self.best.errors)
+        if self.noise is None:
+            return self.constant and self.told_share < JUDGING.half
+        return self.improvement <= JUDGING.worth and self.told_share < JUDGING.told
+
+    @property
+    def told_share(self) -> float:
+        """Part of the error of the best rival that modes leave which are told by the samples."""
+        told, best = self.told_by_rates, self._size(self.best.errors)
+        return self._size(told) / best if told is not None and best > 0.0 else np.inf
 
     @property
     def lacks_something(self) -> bool:
         """True if no law of one mode leaves nothing but noise of measured states."""
-        noise_alone = self._size(self.best.errors) <= RECORDINGS.noise_alone
+        noise_alone = self._size(self.best.errors) <= JUDGING.noise_alone
         return self.noise is not None and not noise_alone
 
     @property
