@@ -49,6 +49,7 @@ from swsysid._stays.stays import Stays
 # cut moves at most; squares of one that is lost.
 _MOST_USUAL_EXCESS = 2.0
 _FARTHEST_PLACE, _LOST = 10, 1e4
+_FEWEST = 3  # samples of a piece: two for a position and its speed, one that speaks for them
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ class Cutting:
         return Cut(at.jumps, at.pieces, search, stays)
 
     def _at(self, jumps: list[NDArray[np.intp]]) -> Pieced:
-        pieces = cut_at(self.given, jumps, SETTINGS.fewest_of_a_stay)
+        pieces = cut_at(self.given, jumps, _FEWEST)
         search = Search(
             self.estimator, pieces.given.sensed, self.given.order, None, self.settings, self.told,
             surfaces=False,
@@ -209,7 +210,7 @@ def _apart(jumps: NDArray[np.intp]) -> NDArray[np.intp]:
     """
     kept = jumps[np.diff(jumps, prepend=-np.inf) > 1]
     after, before = np.diff(kept, append=np.inf), np.diff(kept, prepend=-np.inf)
-    return kept[np.minimum(before, after) >= SETTINGS.fewest_of_a_stay]
+    return kept[np.minimum(before, after) >= _FEWEST]
 
 
 def better_places(
@@ -290,7 +291,7 @@ def apart(
     alone = cut_at(
         given,
         [own[own < len(own_modes) - 1] for own, own_modes in zip(cuts, modes, strict=True)],
-        SETTINGS.fewest_of_a_stay,
+        _FEWEST,
     )
     first = np.array(
         [modes[k][place] for k, place in zip(alone.recording, alone.first, strict=True)]

@@ -15,7 +15,7 @@ class AutomatonSettings:
     # of a stay is off by at most; samples by which a stay tells its own states; rounds of cuts
     beyond_noise: float = 6.0
     end_of_stay: float = 2.0
-    fewest_of_a_stay: int = 3
+    fewest_of_a_stay: int = 4
     most_rounds: int = 4
     # -- guards, in intervals: the least error of an instant, and by how much a sample may lie
     # beyond; in deviations, what is so far off that it counts less; columns that guards and resets
