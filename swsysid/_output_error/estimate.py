@@ -22,9 +22,9 @@ from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid._stays.descent import Reached, most_likely
-from swsysid._stays.flow import joined_legs, steady_legs
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
+from swsysid._stays.output_error import KnownLaws, OutputError, Rollouts
 from swsysid._stays.settings import SETTINGS as STAYS
 
 
@@ -159,12 +159,14 @@ def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -
 def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
     """Measured states less free rollouts of a fitted law, from the best starts."""
     estimate = _fixed(fit, stretches, None).estimate
-    with np.errstate(all="ignore"):  # one may diverge
-        rollouts = Rollouts(estimate.laws, estimate.nodes, estimate.states).rolled_out()
-        ties = ((_tie(rollouts, SETTINGS.of_a_rollout), SETTINGS.turns_of_starts),)
-        reached = most_likely(rollouts, fit.noise, replace(STAYS.roughly(), ties=ties)).estimate
-    left = reached.nodes.y - reached.states
-    return of_samples(reached.nodes, left)
+    nodes = estimate.nodes
+    noise = fit.noise * of_samples(nodes, nodes.sizes)
+    measured = of_samples(nodes, nodes.y)
+    everywhere = np.full(len(fit.noise), np.inf)
+    problem = OutputError(KnownLaws(estimate.laws), nodes.recordings, measured, noise, everywhere)
+    begun = Rollouts(problem, np.zeros(0), estimate.states[nodes.first], estimate.states)
+    best, _ = problem.least(begun, SETTINGS.turns_of_starts, SETTINGS.closed)
+    return measured - best.read
 
 
 def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
@@ -186,44 +188,6 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
             [course.at(t) for course, t in zip(start, recordings.times, strict=True)]
         )
     return Estimate(law.laws(stretches, spread, further), nodes, states), spread
-
-
-class Rollouts(Estimate):
-    """An estimate in which every recording is one rollout from its first node.
-
-    A step linearises the flow of every interval. What nodes then miss is no small thing where a law
-    breaks, and tied tightly they do not get across. So only the first nodes are moved by a step,
-    and the others go where the flow leads (the lifted method of Albersmeyer and Diehl, 2010).
-    """
-
-    def moved(self, step: Array) -> Rollouts:
-        return super().moved(step).rolled_out()
-
-    def rolled_out(self) -> Rollouts:
-        """The same with all nodes but the first ones where the flow leads.
-
-        By Newton's method on the gaps of all intervals at once, so that nothing steps through time
-        but products of small matrices.
-        """
-        nodes, states, known = (
-            self.nodes.joined(as_usual=False),
-            self.states.copy(),
-            self.laws.known(),
-        )
-        first, begins = nodes.first, nodes.begins
-        longest = int(nodes.recordings.lengths.max())
-        for _ in range(SETTINGS.turns_of_rollouts):
-            legs = joined_legs(steady_legs(known, nodes, states))
-            gaps, slopes = np.zeros_like(states), np.zeros((len(states), *legs.by_state.shape[:2]))
-            gaps[begins + 1] = legs.ends - states[begins + 1]
-            slopes[begins + 1] = legs.by_state.transpose(2, 1, 0)
-            if np.abs(gaps / known.spread).max() < SETTINGS.closed:
-                break
-            for place in range(1, longest):
-                rows = first[nodes.recordings.lengths > place] + place
-                gaps[rows] += np.matmul(slopes[rows], gaps[rows - 1][:, :, None])[:, :, 0]
-            states += gaps
-        return replace(self, states=states)
 
 
 def _reached(estimate: Estimate, noise: Array, disturbance: float, near: bool) -> Reached:

@@ -43,14 +43,13 @@ class Settings:
     noise_turns: int = 3  # of the noise that misfits are measured in, and of its share to settle
     settled: float = 0.05
     about: float = 3.0
-    # of the noise, over the longest stretch: what ties leave free of a law, and of a rollout. A
+    # of the noise, over the longest stretch: what ties leave free of a law. A
     # search goes on with the second if its first effect explains surely more beside that, and with
     # a larger one if a first effect is refuted, with the largest if there is none: where little
     # else disturbs a plant rollouts show most, elsewhere they go astray before it is seen
     disturbances: tuple[float, ...] = (0.1, 1.0, 10.0)
-    of_a_rollout: float = 0.01
+    # of the starts of rollouts, and the share of the squares by which another one must lower them
     turns_of_starts: int = 10
-    turns_of_rollouts: int = 12  # of gaps, until they are closed to so much of a spread
     closed: float = 1e-7
     least_noise: float = 1e-4  # of a spread
     # an effect lowers the squared error of unseen stretches by so large a share at least

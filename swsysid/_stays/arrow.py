@@ -140,17 +140,21 @@ def covariance_of(information: Array) -> Array:
     >>> covariance_of(np.array([[4.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 4.0]])).diagonal()
     array([0.25,  inf,  inf])
     """
+    inverse, told = pseudo_inverse(information)
+    every = np.arange(len(inverse))
+    inverse[every, every] = np.where(told, np.diag(inverse), np.inf)
+    return inverse
+
+
+def pseudo_inverse(information: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """The inverse of a matrix of least squares but for what it does not tell; unknowns it tells."""
     diagonal = np.diag(information)
     told = diagonal > 0.0
     unit = 1.0 / np.sqrt(np.where(told, diagonal, 1.0))
     sizes, directions = np.linalg.eigh(information * unit[:, None] * unit)
     lost = sizes <= LIMITS.rounding * max(1.0, float(sizes.max(initial=0.0)))
     kept = directions[:, ~lost]
-    covariance = (kept / sizes[~lost]) @ kept.T * unit[:, None] * unit
+    inverse = np.asarray((kept / sizes[~lost]) @ kept.T * unit[:, None] * unit)
     # a direction that is lost is one of all unknowns in it, but for rounding
     share = np.square(directions[:, lost]).sum(axis=1)
-    every = np.arange(len(information))
-    covariance[every, every] = np.where(
-        told & (share <= LIMITS.exactly), np.diag(covariance), np.inf
-    )
-    return np.asarray(covariance)
+    return inverse, told & (share <= LIMITS.exactly)

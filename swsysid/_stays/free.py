@@ -23,7 +23,7 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.origin import Origin
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, between
 from swsysid._stays.rollouts import Rolled, nowhere, rolled_out
 from swsysid._stays.samples import left_over, states_of
 from swsysid._stays.settings import LIMITS
@@ -99,7 +99,9 @@ class FreeRuns:
     origin: Origin
     grid: Recordings  # how finely the fit was integrated
     courses: Sequence[Course]
-    guess: Sequence[Array] = ()  # states of all courses, roughly
+    guess: Sequence[
+        Array
+    ] = ()  # states at the times of the grid, roughly, if these are the courses
     _done: dict[int, Trajectory] = field(default_factory=dict)
 
     @classmethod
@@ -123,17 +125,16 @@ class FreeRuns:
         """The rollout of one course; the noise is that of the fit."""
         if start is not course.start:
             place = next(k for k, one in enumerate(self.courses) if one is course)
-            return self._rolled_out([course], np.array([start]), self.guess[place : place + 1])[0]
+            return self._rolled_out([place], np.array([start]))[0]
         if not self._done:
             starts = np.array([one.start for one in self.courses])
-            runs = self._rolled_out(self.courses, starts, self.guess)
+            runs = self._rolled_out(range(len(starts)), starts)
             self._done = {id(one): run for one, run in zip(self.courses, runs, strict=True)}
         return self._done[id(course)]
 
-    def _rolled_out(
-        self, courses: Sequence[Course], starts: Array, guess: Sequence[Array]
-    ) -> list[Trajectory]:
-        n_states = starts.shape[1]
+    def _rolled_out(self, places: Sequence[int], starts: Array) -> list[Trajectory]:
+        """The rollouts of some courses from starts, (n_courses, n_states)."""
+        n_states, courses = starts.shape[1], [self.courses[place] for place in places]
         of_x, of_u = np.split(self.origin.offset, [n_states])
         records = [
             Record(one.record.t, one.record.filled - of_x[: one.record.y.shape[1]],
@@ -145,6 +146,11 @@ class FreeRuns:
             Recordings.of(records, zeros).divided(self.grid.per_sample),
             first_step=self.grid.first_step,
         )
+        guess = [
+            between(t, self.grid.times[place], self.guess[place])
+            for t, place in zip(grid.times, places, strict=True)
+            if len(self.guess)
+        ]
         runs = rolled_out(self.laws, self.guards, grid, starts - of_x, guess)
         return [
             self._trajectory(one, run, grid.sampled[k], of_x)

@@ -186,6 +186,34 @@ class Recordings:
             unknown=(),
         )  # fmt: skip
 
+    def step_by_step(self) -> tuple[Recordings, NDArray[np.intp], NDArray[np.intp]]:
+        """Every step as a recording of its own, without samples.
+
+        With the places at which each begins among all times one after the other, and those of the
+        first times of the recordings.
+        """
+        ends = np.cumsum(self.lengths)
+        inside = np.ones(ends[-1], dtype=bool)
+        inside[ends - 1] = False
+        k, place = np.nonzero(np.arange(len(self.steps)) < self.lengths[:, None] - 1)
+        t, u = np.concatenate(self.times), self.u[[place, place + 1], k]
+        begins, nothing = np.flatnonzero(inside), np.zeros((2, len(k), 0))
+        times = tuple(np.column_stack([t[begins], t[begins + 1]]))
+        single = replace(
+            self, times=times, sampled=(), steps=self.steps[place, k][None], y=nothing, u=u,
+            guess=nothing, sizes=None, unknown=(),
+        )  # fmt: skip
+        return single, begins, ends - self.lengths
+
+    def only(self, rows: NDArray[np.intp]) -> Recordings:
+        """Some of these recordings that have no samples."""
+        return replace(
+            self,
+            times=tuple(self.times[k] for k in rows.tolist()),
+            steps=self.steps[:, rows],
+            u=self.u[:, rows],
+        )
+
     def with_long_steps(self) -> Recordings:
         """The same, every step integrated at once."""
         return replace(self, first_step=1.0)
@@ -277,18 +305,18 @@ def _filled_in(
     places = np.searchsorted(t, record.t)
     y = np.full((len(t), record.y.shape[1]), np.nan)
     y[places] = record.y
-    u, states = (_between(t, record.t, columns) for columns in (record.u, guess))
+    u, states = (between(t, record.t, columns) for columns in (record.u, guess))
     if held:
         u = record.u[np.searchsorted(record.t, t, side="right") - 1]
     return Record(t, y, u, record.unknown), states, places
 
 
-def _between(t: Array, known: Array, columns: Array) -> Array:
+def between(t: Array, known: Array, columns: Array) -> Array:
     """Columns on other times, linear between the known ones."""
-    between = np.empty((len(t), columns.shape[1]))
-    for target, column in zip(between.T, columns.T, strict=True):
+    found = np.empty((len(t), columns.shape[1]))
+    for target, column in zip(found.T, columns.T, strict=True):
         target[:] = np.interp(t, known, column)
-    return between
+    return found
 
 
 def in_exact_steps(

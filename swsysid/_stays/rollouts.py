@@ -5,9 +5,8 @@ step the instant is sought there, and the step ends in the mode behind the surfa
 along it where both laws point at it. A step has one event at most: what follows sooner is told at
 its end. In discrete time a step leaps over surfaces.
 
-Long recordings are cut, and their pieces rolled out side by side from states that are roughly
-known; where each begins is then corrected by Newton's method until it is where the one before ends,
-which is the rollout as a whole.
+Where states are roughly known all steps are worked at once instead: where each begins is corrected
+by Newton's method until it is where the one before ends, which is the rollout as a whole.
 """
 
 from __future__ import annotations
@@ -19,15 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
+from swsysid._stays.chains import along
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws, Modes, slope_of, slopes_of
-from swsysid._stays.recordings import Piece, Recordings
+from swsysid._stays.recordings import Recordings
 from swsysid._stays.sliding import SlidingLaws, pairs_of
 
-# Rollouts in pieces of so many steps: by what starts are moved to see where ends go, of a spread,
-# how closely pieces meet, and turns until they do.
-_PIECE_OF_RUNS = 500
-_OF_RUNS, _MEETING, _TURNS_OF_RUNS = 1e-4, 1e-8, 12
+# Rollouts whose steps are worked at once, if they are so many: by what starts are moved to see
+# where ends go, of a spread; how far states go on until that is asked again; how closely steps
+# meet, and turns until they do.
+_MANY_STEPS, _OF_RUNS, _ANOTHER, _MEETING, _TURNS_OF_RUNS = 100, 1e-4, 1e-3, 1e-8, 15
 _TURNS_OF_SHARES = 6  # until the share of a step is found at which a surface is crossed
 
 
@@ -56,77 +56,85 @@ def rolled_out(
     grid: Recordings,
     starts: Array,
     guess: Sequence[Array] = (),
-    piece: int | None = None,
+    told: Sequence[Modes] = (),
 ) -> list[Rolled]:
     """The rollout along each recording from its start.
 
-    With `guess`, states at all times, roughly, long ones are rolled out in pieces of so many steps.
+    With `guess`, states at all times, roughly, all steps are worked at once if they are many.
+    `told` are the modes there, roughly, of which slides are asked.
     """
-    runs, piece = None, _PIECE_OF_RUNS if piece is None else piece
-    if len(guess) and len(grid.steps) > 2 * piece:
-        runs = in_pieces(laws, guards, grid, starts, guess, piece)
+    runs = None
+    if len(guess) and len(grid.steps) > _MANY_STEPS:
+        runs = at_once(laws, guards, grid, starts, guess, told)
     if runs is None:
         whole = _Run(laws, guards, grid, starts)
         runs = [whole.course(k, n) for k, n in enumerate(grid.lengths)]
     return runs
 
 
-def in_pieces(
-    laws: Laws, guards: Guards, grid: Recordings, starts: Array, guess: Sequence[Array], piece: int
+def at_once(
+    laws: Laws,
+    guards: Guards,
+    grid: Recordings,
+    starts: Array,
+    guess: Sequence[Array],
+    told: Sequence[Modes] = (),
 ) -> list[Rolled] | None:
-    """The rollouts, pieces of them side by side; None where these do not meet."""
-    pieces = [
-        Piece(k, int(first), min(int(first) + piece, n - 1), 0, 0)
-        for k, n in enumerate(grid.lengths)
-        for first in range(0, n - 1, piece)
-    ]
-    follows = np.array([piece.begin > 0 for piece in pieces])
-    x = np.array([guess[piece.recording][piece.begin] for piece in pieces])
-    x[~follows] = starts
-    modes = modes_at(guards, x, np.array([grid.u[p.begin, p.recording] for p in pieces]))
-    moves = _OF_RUNS * laws.spread
-    n_states, every = len(moves), list(range(len(pieces)))
-    runs: list = [None] * len(pieces)
-    slopes, again = None, every
-    for _ in range(_TURNS_OF_RUNS):
-        # the first time moved starts, too, show how ends follow them
-        more = () if slopes is not None else np.diag(moves)
-        begun = np.concatenate([x[again], *(x + move for move in more)])
-        own = np.concatenate([modes[again], np.tile(modes, len(more))])
-        cut = grid.parted([pieces[k] for k in again + every * len(more)])
-        run = _Run(laws, guards, cut, begun, own)
-        for place, k in enumerate(again):
-            runs[k] = run.course(place, pieces[k].end - pieces[k].begin + 1)
-        ends, left = np.array([one.states[-1] for one in runs]), [one.modes[-1] for one in runs]
-        if slopes is None:
-            moved = run.x[len(pieces) :].reshape(n_states, len(pieces), n_states)
-            slopes = (moved - ends) / moves[:, None, None]
-        if not np.isfinite(ends).all():
+    """The same, all steps side by side; None where these do not meet."""
+    steps, begins, first = grid.step_by_step()
+    x = np.concatenate(guess)
+    x[first] = starts
+    modes = modes_at(guards, x, grid.in_a_row(grid.u))
+    if len(told):  # surfaces do not tell slides
+        known = np.concatenate(told)
+        modes = np.where(known < len(laws.coef), modes, known)
+    before = np.full((len(x), grid.u.shape[2]), np.nan)
+    before[begins + 1] = steps.after[0]
+    slopes = np.zeros((len(x), x.shape[1], x.shape[1]))
+    reached, entered, goes_on = x.copy(), modes.copy(), modes.copy()
+    events: dict[int, list[Event]] = {}
+    again, far, apart = np.arange(len(begins)), np.ones(len(x), bool), np.ones(len(x), bool)
+    for turn in range(_TURNS_OF_RUNS):
+        rows, own = begins[again], steps if turn == 0 else steps.only(again)
+        run = _Run(laws, guards, own, x[rows], modes[rows], before[rows])
+        reached[rows + 1], entered[rows + 1], goes_on[rows] = run.x, run.modes, run.told[0]
+        if not np.isfinite(reached).all():
             return None
-        told, told_modes = x.copy(), modes.copy()
-        for k in np.flatnonzero(follows).tolist():
-            told[k] = ends[k - 1] + (told[k - 1] - x[k - 1]) @ slopes[:, k - 1]
-            told_modes[k] = left[k - 1]
-        apart = (np.abs(told - x) > _MEETING * laws.spread).any(axis=1)
-        again = np.flatnonzero(apart | (told_modes != modes)).tolist()
-        if not again:
-            return [_joined(runs, pieces, k) for k in range(len(grid))]
-        x, modes = told, told_modes
-    return None
-
-
-def _joined(runs: Sequence[Rolled], pieces: Sequence[Piece], recording: int) -> Rolled:
-    """The pieces of a recording as one."""
-    own = [one for one, piece in zip(runs, pieces, strict=True) if piece.recording == recording]
-    states = np.concatenate([own[0].states[:1], *(one.states[1:] for one in own)])
-    modes = np.concatenate([*(one.modes[:-1] for one in own), own[-1].modes[-1:]])
-    begins = np.cumsum([0, *(len(one.modes) - 1 for one in own)]).tolist()
-    events = [
-        Event(begin + event.step, *event[1:])
-        for begin, one in zip(begins, own, strict=False)
-        for event in one.events
-    ]
-    return Rolled(states, modes, events)
+        # starts that are moved show how ends follow them; that changes where events come or go
+        asked = far[begins]
+        asked[list(events)] = True
+        events = {k: own for k, own in events.items() if not apart[begins[k]]}
+        events |= {int(again[k]): own for k, own in run.events.items()}
+        asked[list(events)] = True
+        varied = np.flatnonzero(asked[again])
+        if varied.size:
+            rows, own = rows[varied], own.only(varied)
+            for k, move in enumerate(_OF_RUNS * laws.spread):
+                begun = x[rows]
+                begun[:, k] += move
+                there = _Run(laws, guards, own, begun, modes[rows], before[rows]).x
+                slopes[rows + 1, :, k] = (there - reached[rows + 1]) / move
+        gaps = along(slopes, (reached - x)[:, :, None])[:, :, 0]
+        moved = (np.abs(gaps) / laws.spread).max(axis=1)
+        far, apart = moved > _ANOTHER, (moved > _MEETING) | (entered != modes)
+        x, modes = x + gaps, entered.copy()
+        reached = x.copy()
+        again = np.flatnonzero(apart[begins])
+        if not again.size:
+            break
+    else:
+        return None
+    modes[begins] = goes_on[begins]
+    courses = []
+    for k, (begin, n) in enumerate(zip(first.tolist(), grid.lengths.tolist(), strict=True)):
+        steps_of = range(begin - k, begin - k + n - 1)
+        found = [
+            Event(step - steps_of.start, *event[1:])
+            for step in steps_of
+            for event in events.get(step, ())
+        ]
+        courses.append(Rolled(x[begin : begin + n], modes[begin : begin + n], found))
+    return courses
 
 
 class _Run:
@@ -134,23 +142,25 @@ class _Run:
 
     def __init__(
         self, laws: Laws, guards: Guards, grid: Recordings, starts: Array,
-        modes: Modes | None = None,
+        modes: Modes | None = None, before: Array | None = None,
     ):  # fmt: skip
         self.plain, self.guards, self.grid = laws, guards, grid
         self.laws = SlidingLaws.of(laws, guards)
         self.n_modes, self.pairs = len(laws.coef), pairs_of(len(laws.coef))
         self.x = starts
+        # inputs before the first step, NaN where there is none
+        self.before = np.full_like(grid.u[0], np.nan) if before is None else before
         self.modes = modes_at(self.guards, starts, grid.u[0]) if modes is None else modes
         self.states, self.told = [starts], [self.modes]
-        self.events: list[list[Event]] = [[] for _ in starts]
-        self.t = np.array([t[0] for t in grid.times])
+        self.events: dict[int, list[Event]] = {}
+        self.elapsed = np.zeros(len(starts))
         self._go()
 
     def _go(self) -> None:
         for k, steps in enumerate(self.grid.steps):
             u, after = self.grid.u[k], self.grid.after[k]
             if self.n_modes > 1 and (self.grid.held or self.plain.leaps):
-                self._jump(u, self.grid.after[k - 1] if k else np.full_like(u, np.nan), steps)
+                self._jump(u, self.grid.after[k - 1] if k else self.before, steps)
             x = self._stepped(self.modes, self.x, u, after, steps)
             modes = self.modes.copy()
             ahead = modes_at(self.guards, x, after) if not self.plain.leaps else modes
@@ -160,7 +170,7 @@ class _Run:
             slides = np.flatnonzero((self.modes >= self.n_modes) & (modes == self.modes))
             if slides.size:
                 modes[slides] = self._left(slides, x, u, after, steps)
-            self.t = self.t + steps
+            self.elapsed = self.elapsed + steps
             self.x, self.modes = x, modes
             self.states.append(x)
             self.told.append(modes)
@@ -200,11 +210,13 @@ class _Run:
         rates = slope_of(u, after, steps)
         slide = self._attracted(old, new, found, middle, rates)
         entered = np.where(slide >= 0, slide, new)
-        step, found_at = len(self.states) - 1, self.t[rows] + share * steps
+        step, found_at = len(self.states) - 1, self._times(rows) + share * steps
         modes = np.column_stack([old, new, entered]).tolist()
         for row, time, (before, behind, own) in zip(rows, found_at.tolist(), modes, strict=True):
             kind = "sliding" if own >= self.n_modes else "crossing"
-            self.events[row].append(Event(step, time, before, behind, kind, own))
+            self.events.setdefault(int(row), []).append(
+                Event(step, time, before, behind, kind, own)
+            )
         return self.laws.step(entered, found, middle, after, (1.0 - share) * steps), entered
 
     def _inside(self, modes: Modes, x: Array, u: Array) -> Array:
@@ -244,18 +256,26 @@ class _Run:
         of_first, of_second = (self.laws.velocities(k, own, at, rates) for k in (first, second))
         share = self.laws.slide(modes, of_first, of_second, own, at, rates).share
         new = np.where(share < 0.0, first, np.where(share > 1.0, second, modes))
-        step, ends = len(self.states) - 1, (self.t[rows] + steps[rows]).tolist()
+        step, ends = len(self.states) - 1, (self._times(rows) + steps[rows]).tolist()
         for row, time, mode in zip(rows, ends, new.tolist(), strict=True):
             if mode < self.n_modes:
-                self.events[row].append(Event(step, time, mode, mode, "leaving", mode))
+                self.events.setdefault(int(row), []).append(
+                    Event(step, time, mode, mode, "leaving", mode)
+                )
         return new
+
+    def _times(self, rows: NDArray[np.intp]) -> Array:
+        """When the step of some recordings begins."""
+        return np.array([self.grid.times[k][0] for k in rows.tolist()]) + self.elapsed[rows]
 
     def course(self, k: int, n_times: int) -> Rolled:
         """What became of one recording."""
         states = np.array([one[k] for one in self.states[:n_times]])
         modes = np.array([one[k] for one in self.told[:n_times]])
         # steps that last no time follow the end
-        return Rolled(states, modes, [one for one in self.events[k] if one.step < n_times - 1])
+        return Rolled(
+            states, modes, [one for one in self.events.get(k, ()) if one.step < n_times - 1]
+        )
 
 
 def nowhere(spread: Array) -> Guards:

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._results import Array
+from swsysid._stays.chains import along
 from swsysid._stays.flow import Switching, steady_legs, switching
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
@@ -106,14 +107,9 @@ def _of_instants(guards: Guards, found: Switching, n_laws: int, n_shared: int) -
 
 def _chained(nodes: Nodes, by_state: Array, by_shared: Array) -> Array:
     """From the derivatives of each interval those along the recordings."""
-    n_states = by_state.shape[1]
-    chain = np.zeros((len(nodes), n_states, n_states + by_shared.shape[2]))
-    chain[nodes.first, :, :n_states] = np.eye(n_states)
-    lengths = nodes.recordings.lengths
-    first_interval = nodes.first - np.arange(len(lengths))
-    for step in range(lengths.max() - 1):
-        own = np.flatnonzero(lengths - 1 > step)
-        node, interval = nodes.first[own] + step, first_interval[own] + step
-        chain[node + 1] = by_state[interval] @ chain[node]
-        chain[node + 1, :, n_states:] += by_shared[interval]
-    return chain
+    n_states, ends = by_state.shape[1], nodes.begins + 1
+    slopes = np.zeros((len(nodes), n_states, n_states))
+    right = np.zeros((len(nodes), n_states, n_states + by_shared.shape[2]))
+    slopes[ends], right[ends, :, n_states:] = by_state, by_shared
+    right[nodes.first, :, :n_states] = np.eye(n_states)
+    return along(slopes, right)

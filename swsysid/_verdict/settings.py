@@ -34,10 +34,10 @@ class Judging:
     most_features: int = 200
     rows_a_feature: int = 5
     # Samples of a held-out stretch, as where a recording is identified; turns that look for its
-    # start, and their first damping, relative to the diagonal.
+    # start, and the share of the squares by which another one must lower them.
     stretch: int = 30
     turns: int = 12
-    damping: float = 1e-3
+    settled: float = 1e-6
     # Samples that tell where a trajectory starts of which the model has seen nothing: its error is
     # then a fifth of the noise.
     samples_of_start: int = 100

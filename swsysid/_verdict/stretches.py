@@ -12,10 +12,10 @@ from swsysid._data.recordings import Record
 from swsysid._data.trajectories import spread
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
+from swsysid._stays.output_error import OutputError
 from swsysid._verdict.settings import JUDGING
-from swsysid.refinement._parameters import Parametrization
-from swsysid.refinement._shooting import Pieces, Shooting, Units
-from swsysid.refinement._system import System, substeps_for
+from swsysid.refinement._parameters import ParametrizedPlant
+from swsysid.refinement._system import grid_of, substeps_for
 
 
 @dataclass(frozen=True)
@@ -44,53 +44,28 @@ class Stretches:
     def left_by(self, system: SwitchingModel, noise: Array) -> Array:
         """What rollouts leave of all samples, (n_samples, n_channels); NaN where none is measured.
 
-        The start of every stretch is the one of highest likelihood, by Levenberg and Marquardt's
-        steps for all stretches at once. `noise` are the standard deviations of the channels.
+        The start of every stretch is the one of highest likelihood, all of them sought at once.
+        `noise` are the standard deviations of the channels.
         """
-        shooting, every = self._shooting(System(system), noise), len(self.parts)
-        starts = shooting.begins / shooting.units.states
-        left, slopes = shooting.residuals(starts.ravel()), shooting.slopes(starts.ravel())
-        damping = np.full(len(starts), JUDGING.damping)
-        for _ in range(JUDGING.turns):
-            trial = starts - _damped(slopes, left, shooting.segment, damping)
-            again = shooting.residuals(trial.ravel())
-            varied = shooting.slopes(trial.ravel())
-            sums = (np.bincount(shooting.segment, one**2, every) for one in (again, left))
-            better = np.less(*sums)
-            damping *= np.where(better, 0.2, 5.0)
-            starts[better], own = trial[better], better[shooting.segment]
-            left[own], slopes[own] = again[own], varied[own]
-        found = np.full(shooting.y.shape, np.nan)
-        found[shooting.measured] = left
+        problem = self._problem(system, noise)
+        begun = problem.begun(np.zeros(0), np.array([one[0] for one in self.guess]))
+        best, _ = problem.least(begun, JUDGING.turns, JUDGING.settled)
+        found = np.full(problem.y.shape, np.nan)
+        found[problem.measured] = best.misfit
         return found * noise
 
-    def _shooting(self, system: System, noise: Array) -> Shooting:
+    def _problem(self, model: SwitchingModel, noise: Array) -> OutputError:
         """Rollouts of all stretches, of which nothing but their starts is free."""
         guess, u = np.vstack(self.guess), np.vstack([part.u for part in self.parts])
         columns, n_states = np.hstack([guess, u]), guess.shape[1]
-        sizes, places = spread(columns), np.arange(len(self.parts))
+        sizes = spread(columns)
         longest = max(float(np.diff(part.t).max()) for part in self.parts)
-        return Shooting(
-            system,
-            Parametrization(system, np.zeros(system.model.coef.shape, bool), False, frozen=True),
-            Pieces(self.parts, self.guess, places, 0 * places, places < 0),
-            np.arange(len(noise)),
-            Units(
-                np.zeros(0), sizes[:n_states], sizes[n_states:], noise, np.full(n_states, np.inf)
-            ),
-            substeps_for(system.known(sizes)[0], columns, longest),
-            linear=True,
+        plant = ParametrizedPlant.known(model, sizes, len(noise))
+        steps = substeps_for(plant.parts(np.zeros(0)).laws, columns, longest)
+        return OutputError(
+            plant,
+            grid_of(plant.system, self.parts, self.guess, held=False, substeps=steps),
+            np.concatenate([part.y for part in self.parts]),
+            noise,
+            np.full(n_states, np.inf),
         )
-
-
-def _damped(slopes: Array, left: Array, stretch: NDArray[np.intp], damping: Array) -> Array:
-    """Steps of all stretches, unknowns in units in which the diagonal is one."""
-    n = slopes.shape[1]
-    matrix, right = np.zeros((len(damping), n, n)), np.zeros((len(damping), n))
-    np.add.at(matrix, stretch, slopes[:, :, None] * slopes[:, None, :])
-    np.add.at(right, stretch, slopes * left[:, None])
-    diagonal = np.einsum("sii->si", matrix)
-    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = matrix * unit[:, :, None] * unit[:, None]
-    scaled += (damping[:, None] + 1e-12)[:, :, None] * np.eye(n)
-    return np.linalg.solve(scaled, (right * unit)[:, :, None])[:, :, 0] * unit

@@ -19,7 +19,7 @@ from swsysid._results import Array
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.rollouts import rolled_out
 from swsysid.refinement import StatedModel, StatedSurface
-from swsysid.refinement._system import System
+from swsysid.refinement._parameters import ParametrizedPlant
 
 # Gigabytes of rows: more are no data set to try something on.
 MOST_ROWS = 10**8
@@ -358,7 +358,8 @@ def integrate_grid(model: StatedModel, x0: Array, n_steps: int, step: float) -> 
         guess=nothing,
         first_step=1.0,
     )
-    laws, guards = System(model.switching_model).known(np.ones(n_states))
+    plant = ParametrizedPlant.known(model.switching_model, np.ones(n_states))
+    laws, guards, _ = plant.parts(np.zeros(0))
     return np.stack([run.states for run in rolled_out(laws, guards, grid, x0)])
 
 

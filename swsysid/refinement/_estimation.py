@@ -7,32 +7,28 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import OptimizeResult, least_squares
 
 from swsysid._checks.arrays import truth_values
 from swsysid._data.trajectories import spread
+from swsysid._noise import robust_scale
 from swsysid._results import Array, Status
 from swsysid._simulation.model import FittedModel, SwitchingModel, fitted_system
-from swsysid._stays.guards import Guards
-from swsysid._stays.laws import Laws
+from swsysid._stays.output_error import OutputError, Rollouts
 from swsysid._stays.rollouts import modes_at
-from swsysid.refinement._parameters import Parametrization, fitted_and_free, output_of
+from swsysid.refinement._parameters import (
+    Parametrization,
+    ParametrizedPlant,
+    fitted_and_free,
+    output_of,
+)
 from swsysid.refinement._result import RefinementResult, robust_covariance
 from swsysid.refinement._settings import SETTINGS
-from swsysid.refinement._shooting import (
-    LOSSES,
-    Pieces,
-    Rollout,
-    Shooting,
-    Units,
-    grid_of,
-    inner_scale,
-)
 from swsysid.refinement._stated import StatedModel
-from swsysid.refinement._system import System, substeps_for
+from swsysid.refinement._system import System, grid_of, substeps_for
 from swsysid.refinement._trajectories import (
     Observed,
     Recording,
+    Segments,
     channel_noise,
     first_states,
     observed_states,
@@ -66,8 +62,7 @@ class Estimation:
         integrated: Callable[[], object] = int,
     ):
         fitted = fitted_system(model)
-        self.model, self.integrated = model, integrated
-        self.loss, self.linear, self.joined = loss, linear, joined
+        self.model, self.loss, self.joined = model, loss, joined
         self.system = system = System(fitted, output_of(model))
         chosen = _free(model, fitted, free)
         self.parameters = Parametrization(system, chosen, fit_surface, frozen)
@@ -76,25 +71,20 @@ class Estimation:
         names, n_states = fitted.feature_map.names_in, system.n_states
         self.observed = self._channels(names[:n_states], len(names), observed)
         self.records = read_trajectories(trajectories, len(names) - n_states, len(self.observed))
-        self.limits = self.parameters.bounds({} if bounds is None else bounds)
-        deviations = channel_noise(self.records, noise)
+        self.parameters.bound({} if bounds is None else bounds)
+        self.held = not linear
+        self.noise = channel_noise(self.records, noise)
         starts = first_states(initial_states, names[:n_states], len(self.records))
         measured = self.observed if system.output is None else self.observed[:0]
-        self.guess, bound = self._guessed(starts, measured)
-        # units of states and parameters, and the steps of the integration, from some points
-        x, u = np.vstack(self.guess), np.vstack([record.u for record in self.records])
-        self.columns = spread(np.hstack([x, u]))
-        rows = np.unique(np.linspace(0, len(x) - 1, SETTINGS.most_rows).astype(int))
-        self._points = x[rows], u[rows]
-        laws, guards = self._laws_and_guards(self.start)
-        modes = modes_at(guards, *self._points)
-        at_points = np.hstack(self._points)
-        self._typical = laws.features(at_points), laws.velocities(modes, *self._points)
-        own, inputs = np.split(self.columns, [n_states])
-        sizes = self.parameters.sizes(*self._typical)
-        self.units = Units(sizes, own, inputs, deviations, bound)
+        self.guess, self.bound = self._guessed(starts, measured)
+        # what states and inputs count in, and the steps of the integration
+        self.columns = np.hstack(
+            [np.vstack(self.guess), np.vstack([record.u for record in self.records])]
+        )
+        self.spread = spread(self.columns)
         self.substeps = self._needed_substeps(self.start)
-        self._cut(segment_length)
+        self.integrated, self.nfev = integrated, 0
+        self.apart, self.length = self._bounded(segment_length)
 
     # -- preparation -----------------------------------------------------------------------
 
@@ -117,9 +107,10 @@ class Estimation:
         named = self.parameters.at(self.start).named
         return np.arange(self.system.read(np.ones((1, n_columns)), named).shape[1])
 
-    def _laws_and_guards(self, vector: Array) -> tuple[Laws, Guards]:
-        """For some parameters, none of them free."""
-        return self.system.known(self.columns, self.parameters.at(vector))
+    @property
+    def plant(self) -> ParametrizedPlant:
+        """The model with its parameters."""
+        return ParametrizedPlant(self.system, self.parameters, self.spread, self.observed)
 
     def _guessed(self, starts: Array, measured: NDArray[np.intp]) -> tuple[list[Array], Array]:
         """States of each record, (n_samples, n_states), and the bound of one that has diverged.
@@ -140,11 +131,11 @@ class Estimation:
         limit = np.maximum(first, max(1.0, float(largest.max())))
         limit[measured] = np.maximum(largest[: len(measured)], first[measured])
         bound = SETTINGS.diverged * np.where(limit > 0.0, limit, 1.0)
-        self.columns = np.ones(n_states + records[0].u.shape[1])
+        self.spread = np.ones(n_states + records[0].u.shape[1])
         if len(measured) == n_states:
             return guess, bound
-        laws, guards = self._laws_and_guards(self.start)
-        grid = grid_of(self.system, records, guess, held=not self.linear)
+        laws, guards, _ = self.plant.parts(self.start)
+        grid = grid_of(self.system, records, guess, held=self.held)
         carried, seen = grid.guess.copy(), np.zeros(grid.guess.shape[:2], dtype=bool)
         for k, places in enumerate(grid.sampled):
             seen[places, k] = True
@@ -158,73 +149,75 @@ class Estimation:
 
     def _needed_substeps(self, vector: Array) -> int:
         longest = max(float(np.quantile(np.diff(record.t), 0.99)) for record in self.records)
-        return substeps_for(self._laws_and_guards(vector)[0], np.hstack(self._points), longest)
+        return substeps_for(self.plant.parts(vector).laws, self.columns, longest)
 
-    def _cut(self, length: int | None) -> None:
-        """Pieces of which the given model stays bounded on each."""
+    def _bounded(self, given: int | None) -> tuple[Rollouts, int]:
+        """Segments on each of which the given model stays bounded, and their length."""
         n_steps = [len(record.t) - 1 for record in self.records]
-        chosen = length or max(SETTINGS.shortest, -(-sum(n_steps) // SETTINGS.n_segments))
-        self.length = min(chosen, max(n_steps))
-        while True:
-            apart = self._shooting(self.length)
-            if apart.rolled(apart.join(self.start, apart.begins)).bounded.all():
-                break
-            if length is not None or self.length == 1:
-                where = f"segments of {self.length} samples" if self.length > 1 else "one sample"
+        chosen = given or max(SETTINGS.shortest, -(-sum(n_steps) // SETTINGS.n_segments))
+        length = min(chosen, max(n_steps))
+        while not (apart := self._begun(length)).bounded.all():
+            if given is not None or length == 1:
+                where = f"segments of {length} samples" if length > 1 else "one sample"
                 raise ValueError(
                     f"the rollout of the start diverges within {where}; give a shorter "
                     "segment_length (None chooses one), or better coefficients to start from."
                 )
-            self.length = max(1, self.length // 2)
-        self._join()
+            length = max(1, length // 2)
+        return apart, length
 
-    def _join(self) -> None:
-        """The problem of whole rollouts, or that of pieces that stay apart."""
-        whole = max(len(record.t) for record in self.records)
-        self.whole = self._shooting(whole if self.joined else self.length)
-
-    def _shooting(self, length: int) -> Shooting:
-        pieces = Pieces.of(self.records, self.guess, length)
-        return Shooting(
-            self.system, self.parameters, pieces, self.observed, self.units, self.substeps,
-            self.linear,
+    def _begun(self, length: int) -> Rollouts:
+        """Rollouts of the given model over segments of so many samples."""
+        segments = Segments.of(self.records, self.guess, length)
+        problem = OutputError(
+            self.plant,
+            grid_of(
+                self.system, segments.parts, segments.guess, held=self.held, substeps=self.substeps
+            ),
+            segments.y, self.noise, self.bound, self.loss,
         )  # fmt: skip
+        starts = np.array([one[0] for one in segments.guess])
+        return problem.begun(self.start, np.clip(starts, -self.bound, self.bound))
+
+    @property
+    def _whole(self) -> int:
+        """Samples of a segment of the problem that is solved."""
+        longest = max(len(record.t) for record in self.records)
+        return longest if self.joined else self.length
 
     # -- stages ----------------------------------------------------------------------------
 
     def refined(self, max_nfev: int) -> RefinementResult:
         """Fit the segments by themselves, then whole rollouts; keep what makes these better."""
-        vector, starts, nfev = self.start, self.whole.begins, 0
-        if self._starts_poorly():
-            apart = self._shooting(self.length)
-            answer = self._least_squares(apart, vector, apart.begins, max(1, max_nfev // 4))
-            (vector, nodes), nfev = apart.split(answer.x), answer.nfev
-            starts = nodes[apart.pieces.first == 0]
-            vector, _ = self._settled(vector)
+        whole = best = self._begun(self._whole)
+        if self._starts_poorly(whole):
+            best = self._fitted(self.apart, max(1, max_nfev // 4))
+            vector, _ = self._settled(best.vector)
+            whole = self._begun(self._whole)
+            first = Segments.of(self.records, self.guess, self.length).first == 0
+            best = whole.problem.begun(vector, best.starts[first])
         for _ in range(SETTINGS.most_rounds):
-            answer = self._least_squares(self.whole, vector, starts, max(1, max_nfev - nfev))
-            vector, starts = self.whole.split(answer.x)
-            nfev += answer.nfev
-            vector, settled = self._settled(vector)
-            if settled or nfev >= max_nfev:
+            best = self._fitted(best, max(1, max_nfev - self.nfev))
+            vector, settled = self._settled(best.vector)
+            if not settled:
+                whole = self._begun(self._whole)
+                best = whole.problem.begun(vector, best.starts)
+            if settled or self.nfev >= max_nfev:
                 break
-        status = Status.OPTIMAL if answer.status > 0 else Status.ITERATION_LIMIT
-        return self._result(vector, starts, nfev, status)
+        return self._result(whole, best)
 
     def initial_states(self, max_nfev: int) -> Array:
         """Initial states of whole rollouts of the given model, (n_records, n_states)."""
-        answer = self._least_squares(self.whole, self.start, self.whole.begins, max_nfev)
-        return self.whole.split(answer.x)[1]
+        return self._fitted(self._begun(self._whole), max_nfev).starts
 
-    def _starts_poorly(self) -> bool:
+    def _starts_poorly(self, whole: Rollouts) -> bool:
         """True if whole rollouts of the given model are worse than the mean of the channels."""
         if not self.joined:
             return False
-        found = self.whole.rolled(self.whole.join(self.start, self.whole.begins))
         with np.errstate(all="ignore"):
-            error = np.sqrt(np.nanmean(np.square(found.read - self.whole.y), axis=0))
+            error = np.sqrt(np.nanmean(np.square(whole.read - whole.problem.y), axis=0))
         usual = spread(np.vstack([record.y for record in self.records]))
-        return not found.bounded.all() or bool((error > usual).any())
+        return not whole.bounded.all() or bool((error > usual).any())
 
     def _settled(self, vector: Array) -> tuple[Array, bool]:
         """The parameters, and whether they are still those of the problem that was solved.
@@ -235,105 +228,68 @@ class Estimation:
         pivoted = self.parameters.pivoted(vector)
         needed = self._needed_substeps(pivoted)
         settled = needed <= self.substeps and np.array_equal(pivoted, vector)
-        if not settled:
-            self.substeps = max(needed, self.substeps)
-            self.units = replace(self.units, parameters=self.parameters.sizes(*self._typical))
-            self._join()
+        self.substeps = max(needed, self.substeps)
         return pivoted, settled
 
-    def _least_squares(
-        self, problem: Shooting, vector: Array, starts: Array, max_nfev: int
-    ) -> OptimizeResult:
-        start = problem.join(vector, starts)
-        first = problem.residuals(start)
-        self.f_scale = inner_scale(first) if self.loss != "linear" else 1.0
-
-        def residuals(trial):
-            self.integrated()
-            try:
-                return problem.residuals(trial)
-            except ValueError:  # the features have no value there: the step was too long
-                return np.full_like(first, SETTINGS.refused)
-
-        n_starts = len(start) - len(self.parameters)
-        low, high = (
-            np.concatenate([limit / self.units.parameters, np.full(n_starts, infinite)])
-            for limit, infinite in zip(self.limits, (-np.inf, np.inf), strict=True)
-        )
-        small = len(first) * len(start) <= SETTINGS.dense
-        return least_squares(
-            residuals,
-            np.clip(start, low, high),
-            problem.jacobian,
-            bounds=(low, high),
-            loss=self.loss,
-            f_scale=self.f_scale,
-            x_scale="jac",
-            **dict.fromkeys(("ftol", "xtol", "gtol"), SETTINGS.tolerance),
-            max_nfev=max_nfev,
-            tr_solver="exact" if small else "lsmr",
-            tr_options={} if small else dict(atol=1e-10, btol=1e-10, maxiter=2 * len(start)),
-        )
+    def _fitted(self, start: Rollouts, max_nfev: int) -> Rollouts:
+        """Where least squares lead; a robust loss bends at the scale of the first misfits."""
+        if self.loss != "linear":
+            scale = float(robust_scale(start.misfit)) or 1.0
+            start = replace(start, problem=replace(start.problem, scale=scale))
+        found, answer = start.problem.least(start, max_nfev, SETTINGS.tolerance, self.integrated)
+        self.nfev += answer.nfev
+        self.status = Status.OPTIMAL if answer.status > 0 else Status.ITERATION_LIMIT
+        return found
 
     # -- verdict and certainty -------------------------------------------------------------
 
-    def _result(self, vector: Array, starts: Array, nfev: int, status: Status) -> RefinementResult:
+    def _result(self, whole: Rollouts, found: Rollouts) -> RefinementResult:
         """Compare whole rollouts of the given model, of it from the new starts, and of the new."""
-        whole, parameters, own = self.whole, self.parameters, self.whole.begins
-        tried = [(self.start, own), (self.start, starts), (vector, starts)]
-        runs = [whole.rolled(whole.join(*one)) for one in tried]
-        costs = [self._cost(run) for run in runs]
+        problem, parameters = found.problem, self.parameters
+        tried = [whole, problem.begun(self.start, found.starts, found), found]
+        costs = [problem.value(one) for one in tried]
         best = 2 if costs[2] < min(costs[:2]) else 0
-        vector, starts = tried[best]
-        covariance = self._covariance(vector, starts)
+        covariance = self._covariance(tried[best])
         errors = np.zeros(len(parameters.values))
         errors[parameters.free] = np.sqrt(np.diag(covariance))
         names = parameters.names
+        segments = Segments.of(self.records, self.guess, self._whole)
         return RefinementResult(
-            model=parameters.apply(self.model, vector),
+            model=parameters.apply(self.model, tried[best].vector),
             names=names,
-            values=vector,
+            values=tried[best].vector,
             covariance=covariance,
             coef_standard_errors=parameters.split(errors)[0],
-            initial_states=starts[whole.pieces.first == 0],
+            initial_states=tried[best].starts[segments.first == 0],
             cost_before=costs[0],
             cost_after=costs[best],
-            rmse_before=self._rmse(runs[0]),
-            rmse_after=self._rmse(runs[best]),
-            nfev=nfev,
+            rmse_before=self._rmse(whole, segments),
+            rmse_after=self._rmse(tried[best], segments),
+            nfev=self.nfev,
             segment_length=self.length,
             substeps=self.substeps,
-            status=status,
-            advice=_advice(names, covariance, costs[best] < costs[0], status),
+            status=self.status,
+            advice=_advice(names, covariance, costs[best] < costs[0], self.status),
         )
 
-    def _cost(self, run: Rollout) -> float:
-        if not run.bounded.all():
-            return float("inf")
-        z = np.square(self.whole.misfit(run.read) / self.f_scale)
-        return float(0.5 * self.f_scale**2 * LOSSES[self.loss](z)[0].sum())
-
-    def _rmse(self, run: Rollout) -> Array:
+    def _rmse(self, rollouts: Rollouts, segments: Segments) -> Array:
         """Errors of each record and channel."""
+        problem = rollouts.problem
         with np.errstate(all="ignore"):
-            error = np.square(run.read - self.whole.y)
+            error = np.square(rollouts.read - problem.y)
         table = np.empty((len(self.records), len(self.observed)))
-        record = self.whole.pieces.record
         for k in range(len(self.records)):
-            own = np.nanmean(error[record[self.whole.piece] == k], axis=0)
-            table[k] = np.sqrt(own) if run.bounded[record == k].all() else np.inf
+            own = np.nanmean(error[segments.record[problem.grid.groups] == k], axis=0)
+            table[k] = np.sqrt(own) if rollouts.bounded[segments.record == k].all() else np.inf
         return table
 
-    def _covariance(self, vector: Array, starts: Array) -> Array:
+    def _covariance(self, rollouts: Rollouts) -> Array:
         """Covariance of the parameters; infinite where the data say nothing."""
-        whole, unknowns = self.whole, self.whole.join(vector, starts)
-        slopes, residuals = whole.information(unknowns), whole.residuals(unknowns)
-        weight = LOSSES[self.loss](np.square(residuals / self.f_scale))[1]
-        scaled = robust_covariance(
-            slopes, residuals, weight, whole.segment, len(self.observed), len(unknowns)
-        )
-        unit = self.units.parameters
-        return scaled * np.outer(unit, unit)
+        n_unknowns = len(rollouts.vector) + rollouts.starts.size
+        return robust_covariance(
+            rollouts.slopes_of_parameters, rollouts.misfit, rollouts.weight,
+            rollouts.problem.recording, len(self.observed), n_unknowns,
+        )  # fmt: skip
 
 
 def _free(model: FittedModel, system: SwitchingModel, free: ArrayLike | None) -> NDArray[np.bool_]:

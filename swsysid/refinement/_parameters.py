@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import compress
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import shown
 from swsysid._results import Array
-from swsysid._simulation.model import FittedModel
+from swsysid._simulation.model import FittedModel, SwitchingModel
+from swsysid._stays.output_error import Parts, Sensor
 from swsysid._surfaces.surface import is_linear
 from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._stated import Output, StatedModel
@@ -51,6 +53,7 @@ class Parametrization:
         self.values = np.concatenate([coef, list(named.values()), surface.ravel()]).astype(float)
         every = [free_coef.ravel(), np.ones(len(named), dtype=bool), free_surface.ravel()]
         self.free = np.concatenate(every) & (not frozen)
+        self.low, self.high = np.full((2, len(self.values)), np.array([[-np.inf], [np.inf]]))
 
     def split(self, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Coefficients, named parameters and surfaces of values (..., n_values), as views."""
@@ -78,18 +81,6 @@ class Parametrization:
         """All parameters for those that are free, (n_parameters,)."""
         coef, named, surface = self.split(self._filled(vector))
         return Values(coef, dict(zip(self.named, named.tolist(), strict=True)), surface)
-
-    def sizes(self, features: Array, velocities: Array) -> Array:
-        """What a change of each parameter has to be for the model to notice.
-
-        A coefficient: the size of the velocity over that of its feature. The rest: themselves.
-        """
-        start = np.abs(self.values)
-        sizes = np.where(start > 0.0, start, 1.0)
-        typical = _size(velocities)[:, None] / np.maximum(_size(features), 1e-300)
-        coef, own = self.split(sizes)[0], self.split(start)[0]
-        coef[:] = np.maximum(own, 1e-2 * typical)
-        return np.where(sizes > 0.0, sizes, 1.0)[self.free]
 
     def pivoted(self, vector: Array) -> Array:
         """The same parameters, with the scale of a surface fixed by its now largest coefficient.
@@ -119,9 +110,8 @@ class Parametrization:
         ]
         return list(compress(every, self.free))
 
-    def bounds(self, limits: Mapping[str, tuple[float, float]]) -> tuple[Array, Array]:
-        """Lower and upper bounds of the vector from those of some named parameters."""
-        low, high = np.full(len(self.values), -np.inf), np.full(len(self.values), np.inf)
+    def bound(self, limits: Mapping[str, tuple[float, float]]) -> None:
+        """Keep some named parameters between two values."""
         if not isinstance(limits, Mapping):
             raise TypeError(f"bounds={shown(limits)} must be a dict of names to pairs (low, high).")
         for name, given in limits.items():
@@ -141,8 +131,7 @@ class Parametrization:
                     f"{name} starts at {self.values[place]:g}, outside its bounds {least:g} to "
                     f"{most:g}; state a start within them."
                 )
-            low[place], high[place] = least, most
-        return low[self.free], high[self.free]
+            self.low[place], self.high[place] = least, most
 
     def apply(self, model: FittedModel, vector: Array) -> FittedModel:
         """A copy of the model with the parameters of a vector."""
@@ -173,5 +162,59 @@ def output_of(model: FittedModel) -> Output | None:
     return model.output if isinstance(model, StatedModel) else None
 
 
-def _size(columns: Array) -> Array:
-    return np.sqrt(np.mean(np.square(columns), axis=0))
+@dataclass(frozen=True)
+class ParametrizedPlant:
+    """A model with its parameters, for sizes of states and inputs and the outputs that are read."""
+
+    system: System
+    parameters: Parametrization
+    spread: Array
+    observed: NDArray[np.intp]
+
+    @classmethod
+    def known(cls, model: SwitchingModel, spread: Array, n_outputs: int = 0) -> ParametrizedPlant:
+        """A model of which nothing is free; of its first states so many are read."""
+        system, nothing = System(model), np.zeros(model.coef.shape, dtype=bool)
+        parameters = Parametrization(system, nothing, False, frozen=True)
+        return cls(system, parameters, spread, np.arange(n_outputs))
+
+    @property
+    def limits(self) -> tuple[Array, Array]:
+        """Bounds of the parameters."""
+        free = self.parameters.free
+        return self.parameters.low[free], self.parameters.high[free]
+
+    @property
+    def by_parameters(self) -> Array:
+        """Unknowns of laws and surfaces by the parameters."""
+        coef, _, surface = self.parameters.split(self.parameters.free)
+        own, n_coef, form = self.system.classes, int(coef.sum()), self.system.linear
+        number = (np.cumsum(coef.ravel()) - 1).reshape(coef.shape)[own]
+        places = np.append(number[coef[own]], np.arange(n_coef, len(self.parameters)))
+        by_parameters = np.zeros((len(places), len(self.parameters)))
+        by_parameters[np.arange(len(places)), places] = 1.0
+        if surface.any() and form is not None:
+            by_parameters[-surface.sum() :] /= form.scale[np.nonzero(surface)[0], None]
+        return by_parameters
+
+    def parts(self, vector: Array) -> Parts:
+        """The model of some parameters."""
+        values, free = self.parameters.at(vector), self.parameters.split(self.parameters.free)
+        start = self.parameters.split(self.parameters.values)[1]
+        sizes = {
+            name: abs(size) or 1.0
+            for name, size, own in zip(self.parameters.named, start.tolist(), free[1], strict=True)
+            if own
+        }
+        n_states, n_coef = self.system.n_states, int(free[0].sum())
+        number = {name: n_coef + k for k, name in enumerate(sizes)}
+        inside = [
+            (number[name], lambda X, by=by: by(X)[:, self.observed])
+            for name, by in self.system.varied(self.system.read, values.named, sizes)
+            if self.system.output is not None
+        ]
+        return Parts(
+            self.system.laws(values, free[0], sizes, self.spread[:n_states]),
+            self.system.guards(values.surface, free[2], self.spread),
+            Sensor(lambda X: self.system.read(X, values.named)[:, self.observed], inside),
+        )

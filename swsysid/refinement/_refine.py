@@ -12,10 +12,10 @@ from swsysid._checks.parameters import flag, one_of, verbosity, whole
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
+from swsysid._stays.output_error import LOSSES
 from swsysid._whole_or_nothing import failing_in_words
 from swsysid.refinement._estimation import Estimation
 from swsysid.refinement._result import RefinementResult
-from swsysid.refinement._shooting import LOSSES
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._trajectories import Observed, Recording
 

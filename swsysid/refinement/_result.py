@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swsysid._results import Array, Status
 from swsysid._simulation.model import FittedModel
-from swsysid.refinement._settings import SETTINGS
+from swsysid._stays.arrow import pseudo_inverse
 
 
 @dataclass(frozen=True)
@@ -128,19 +128,12 @@ def robust_covariance(
     :math:`w_i r_i g_i`: A times the noise variance if residuals are white. Residuals of one
     `piece`, a rollout, follow each other in time.
     """
-    information = (weight[:, None] * slopes).T @ slopes
-    size = np.sqrt(np.diag(information))
-    unknown = ~(size > 0.0)
-    scale = np.outer(np.where(unknown, 1.0, size), np.where(unknown, 1.0, size))
-    values, vectors = np.linalg.eigh(information / scale)
-    lost = values <= SETTINGS.undetermined * len(values)
-    inverse = (vectors[:, ~lost] / values[~lost]) @ vectors[:, ~lost].T / scale
+    inverse, told = pseudo_inverse((weight[:, None] * slopes).T @ slopes)
     scores = (weight * residuals)[:, None] * slopes
     freedom = len(residuals) / max(1, len(residuals) - n_unknowns)
     covariance: Array = inverse @ (freedom * _long_run(scores, piece, n_channels)) @ inverse
-    unknown |= (np.abs(vectors[:, lost]) > SETTINGS.involved).any(axis=1)
-    covariance[unknown] = covariance[:, unknown] = 0.0
-    covariance[unknown, unknown] = np.inf
+    covariance[~told] = covariance[:, ~told] = 0.0
+    covariance[~told, ~told] = np.inf
     return covariance
 
 

@@ -29,17 +29,8 @@ class Settings:
 
     # -- least squares
     tolerance: float = 1e-8
-    # residual of a trial at which the model has no value
-    refused: float = 1e6
-    # of a one-sided difference quotient, times the size of a parameter or a state
+    # of a difference quotient, times the size of a parameter
     step: float = 1e-6
-    # entries up to which a Jacobian is dense and its trust-region step exact
-    dense: int = 2_000_000
-
-    # -- certainty: eigenvalue of the scaled information below which a direction is unknown, and the
-    # share of a parameter in such a direction that leaves it unknown too
-    undetermined: float = 1e-12
-    involved: float = 0.1
 
 
 SETTINGS = Settings()

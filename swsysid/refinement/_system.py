@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
 from swsysid._stays.guards import Guards
-from swsysid._stays.laws import Laws, Maps
+from swsysid._stays.laws import Features, Laws, Maps
 from swsysid._stays.polynomial_laws import laws_of
+from swsysid._stays.recordings import Recordings
 from swsysid._stays.rollouts import nowhere
 from swsysid._surfaces.surface import LinearForm, Surface, decisions_of, is_linear
 from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._stated import Output, ParametricLibrary
 
 FAR = 1e100
+OfRows = Callable[[Array, Mapping[str, float]], Array]  # of rows and named parameters
 
 
 @dataclass(frozen=True)
@@ -85,20 +88,24 @@ class System:
         """
         coef, free = values.coef[self.classes], free[self.classes]
         features = partial(self.features, named=values.named)
-        inside = tuple(
-            partial(self._slope, values.named, name, SETTINGS.step * size)
-            for name, size in named.items()
-        )
+        inside = tuple(one for _, one in self.varied(self.features, values.named, named))
         if self.model.discrete_time:
             return Maps(coef, features, spread, free, inside=inside)
         if self.libraries:
             return Laws(coef, features, spread, free, inside=inside)
         return laws_of(coef, self.model.feature_map, spread, free)
 
-    def _slope(self, named: Mapping[str, float], name: str, move: float, X: Array) -> Array:
-        """Derivatives of the features by a named parameter."""
-        higher, lower = ({**named, name: named[name] + sign * move} for sign in (1.0, -1.0))
-        return (self.features(X, higher) - self.features(X, lower)) / (2.0 * move)
+    def varied(
+        self, of_rows: OfRows, named: Mapping[str, float], sizes: Mapping[str, float]
+    ) -> list[tuple[str, Features]]:
+        """Derivatives of features or of what is read by named parameters of some sizes."""
+
+        def by(name: str, move: float, X: Array) -> Array:
+            both = ({**named, name: named[name] + sign * move} for sign in (1.0, -1.0))
+            higher, lower = (of_rows(X, one) for one in both)
+            return (higher - lower) / (2.0 * move)
+
+        return [(name, partial(by, name, SETTINGS.step * size)) for name, size in sizes.items()]
 
     def guards(self, surface: Array, free: NDArray[np.bool_], spread: Array) -> Guards:
         """The surfaces between `classes`, for sizes of states and inputs."""
@@ -110,21 +117,28 @@ class System:
         coef = surface / form.scale[:, None]
         return Guards(coef, form.features, spread, form.mode_book, free)
 
-    def known(self, spread: Array, values: Values | None = None) -> tuple[Laws, Guards]:
-        """Laws and surfaces as they are, or of some values, for sizes of states and inputs."""
-        if values is None:
-            form = self.linear
-            surface = np.empty((0, 0)) if form is None else form.coef
-            values = Values(self.model.coef, {}, surface)
-        none = [np.zeros(one.shape, dtype=bool) for one in (values.coef, values.surface)]
-        laws = self.laws(values, none[0], {}, spread[: self.n_states])
-        return laws, self.guards(values.surface, none[1], spread)
-
     @property
     def classes(self) -> NDArray[np.intp]:
         """Modes that the surface tells."""
         form = self.linear
         return np.asarray(self.model.surface.classes_ if form is None else form.classes)
+
+
+def grid_of(
+    system: System,
+    records: Sequence[Record],
+    guess: Sequence[Array],
+    *,
+    held: bool,
+    substeps: int = 1,
+) -> Recordings:
+    """Records side by side to roll out; in discrete time they count turns."""
+    turns = system.model.discrete_time
+    parts = [
+        Record(np.arange(len(one.t), dtype=float) if turns else one.t, one.y[:, :0], one.u)
+        for one in records
+    ]
+    return Recordings.of(parts, guess, held=held).divided(substeps).with_long_steps()
 
 
 def substeps_for(laws: Laws, columns: Array, duration: float) -> int:

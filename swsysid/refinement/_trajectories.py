@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -140,3 +141,37 @@ def channel_noise(records: list[Record], noise: ArrayLike | None) -> Array:
             f"noise={shown(noise)}; give a positive standard deviation for each channel."
         )
     return np.broadcast_to(chosen, y.shape[1:])
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Records cut into segments of so many steps.
+
+    A segment ends at the sample with which the next one begins, which counts there; the last of a
+    record is shorter.
+    """
+
+    parts: list[Record]
+    guess: list[Array]  # states of each part, roughly
+    record: NDArray[np.intp]
+    first: NDArray[np.intp]  # sample of the record
+
+    @classmethod
+    def of(cls, records: Sequence[Record], guess: Sequence[Array], length: int) -> Segments:
+        """All records in segments of a length."""
+        places = [
+            (k, first)
+            for k, record in enumerate(records)
+            for first in range(0, len(record.t) - 1, length)
+        ]
+        parts = [records[k].part(begin, length) for k, begin in places]
+        states = [guess[k][begin : begin + length + 1] for k, begin in places]
+        return cls(parts, states, *np.array(places).T)
+
+    @property
+    def y(self) -> Array:
+        """What was measured, (n_samples, n_channels); NaN where it counts in the next segment."""
+        y = np.concatenate([one.y for one in self.parts])
+        ends = np.cumsum([len(one.t) for one in self.parts]) - 1
+        y[ends[:-1][np.diff(self.record) == 0]] = np.nan
+        return y

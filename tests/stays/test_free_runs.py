@@ -62,15 +62,12 @@ def test_states_and_events_are_those_of_the_simulation(name, offset):
 
 
 @pytest.mark.parametrize("name", ["contact", "dry friction, forced", "switched by the input"])
-def test_pieces_of_a_rollout_meet(name, monkeypatch):
+def test_steps_of_a_rollout_that_are_worked_at_once_meet(name, monkeypatch):
     whole, campaign, _ = side_by_side(name, 0.0)
     spread, rng = campaign.states.std(axis=0), np.random.default_rng(0)
     guess = [run.x + 0.01 * spread * rng.standard_normal(run.x.shape) for run in whole]
-    monkeypatch.setattr(rollouts, "_PIECE_OF_RUNS", 40)
-    used, in_pieces = [], rollouts.in_pieces
-    monkeypatch.setattr(
-        rollouts, "in_pieces", lambda *args: used.append(in_pieces(*args)) or used[-1]
-    )
+    used, at_once = [], rollouts.at_once
+    monkeypatch.setattr(rollouts, "at_once", lambda *args: used.append(at_once(*args)) or used[-1])
     found, _, _ = side_by_side(name, 0.0, guess)
     assert used[0] is not None
     for run, expected in zip(found, whole, strict=True):
@@ -79,7 +76,7 @@ def test_pieces_of_a_rollout_meet(name, monkeypatch):
         assert [one.kind for one in run.events] == [one.kind for one in expected.events]
 
 
-def test_long_recordings_in_steps_shorter_than_their_samples_are_rolled_out_in_pieces():
+def test_long_recordings_in_steps_shorter_than_their_samples_are_rolled_out_at_once():
     turn, step, n = 2.0, 0.6, 700  # ten samples a turn
     t = step * np.arange(n)
     x = np.exp(-0.02 * t)[:, None] * np.column_stack([np.cos(turn * t), -np.sin(turn * t)])
