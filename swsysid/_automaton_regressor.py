@@ -299,7 +299,14 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
             1 is perfect; not above 0 is no better than the mean. Minus infinity where a rollout
             diverges.
         """
-        return rollout_score(self._fitted, read_given(x, t, groups, inputs))
+        automaton, given = self._fitted, read_given(x, t, groups, inputs)
+        wanted = automaton.n_states // self.order
+        if given.n_channels != wanted:
+            raise ValueError(
+                f"x has {given.n_channels} columns and the model has {wanted} measured states; "
+                "give these, in their order."
+            )
+        return rollout_score(automaton, given)
 
     def equations(self, precision=3, format="text"):
         """Laws and transitions as text or LaTeX; as `HybridAutomaton.equations`."""

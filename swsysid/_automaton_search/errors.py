@@ -56,8 +56,10 @@ class AutomatonErrors:
     def _laws(self, automaton: HybridAutomaton) -> list[str]:
         feature_map, lines = automaton.feature_map, []
         sizes = np.maximum(feature_map.sizes, np.finfo(float).tiny)
-        rounding = SETTINGS.exact * np.abs(automaton.coef * sizes).max(axis=(0, 2))
         every = determined(automaton.coef, self.coef, sizes)
+        # beside what is determined: a mode of few samples may have any size
+        told = np.where(np.isfinite(every), np.abs(automaton.coef * sizes), 0.0)
+        rounding = SETTINGS.exact * told.max(axis=(0, 2))
         for mode, (coef, errors) in enumerate(zip(automaton.coef, every, strict=True)):
             for state, name in enumerate(automaton.state_names):
                 terms = _beyond(rounding[state] / sizes, coef[state], errors[state])

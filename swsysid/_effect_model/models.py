@@ -79,6 +79,11 @@ def check_declared(estimator: object) -> None:
             "of order 1 without observed, or of positions alone give X and Xdot of "
             "differentiate(x, t, order=2) beside its regressor."
         )
+    if isinstance(estimator, HybridAutomatonRegressor) and estimator.order != 1:
+        raise ValueError(
+            "effects are looked for where all states are measured; declare a HybridAutomatonRegressor "
+            "of order 1 and give X and Xdot of differentiate(x, t, order=2)."
+        )
     if isinstance(estimator, HybridAutomatonRegressor) and estimator.lags != 0:
         raise ValueError(
             f"lags={estimator.lags!r}: effects stand beside laws of the present row alone; declare "

@@ -75,13 +75,13 @@ class Measured:
         """How many samples of such a record, longer or faster, would be enough, in a sentence."""
         rows, records = parts if rolled_out else parts.of(self.rows), self.records
         more = self._fewest / max(len(rows.search), 1)
-        told = f"Record {int(np.ceil(len(records) * more))}, for longer or faster"
+        told = f"Record {int(np.ceil(len(records) * more))} samples"
         if not records.timed:
             return f"{told}."
         assert records.t is not None
         longest = float(np.ptp(records.t[max(records.trajectories, key=len)]))
         return (
-            f"{told}: such steps over a time of {more * longest:.3g}, or steps of "
+            f"{told}: as fast as now over a time of {more * longest:.3g}, or in steps of "
             f"{records.step / more:.3g}."
         )
 

@@ -22,7 +22,7 @@ from scipy.special import gammaln
 
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification, counted_as_one
-from swsysid._stays.samples import misfits
+from swsysid._stays.samples import misfits, modes_of
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 from swsysid._ties import first_least
@@ -63,7 +63,23 @@ def criterion(n_modes: int, found: StayIdentification, as_one: float = 1.0) -> C
     value = misfit / as_one + 0.5 * k * float(np.log(max(2.0, count / as_one)))
     if estimate.guards is None:
         value += order_of_switches(estimate.nodes.stays)
+        if not _are_told(found):
+            value = np.inf
     return CountCandidate(n_modes, value, k, n_switches)
+
+
+def _are_told(found: StayIdentification) -> bool:
+    """Whether every mode of several has a measured value more than its law has coefficients.
+
+    Where no surface says so it would else have any law, and explain any jump.
+    """
+    laws = found.estimate.laws
+    values = np.isfinite(misfits(found.estimate)).sum(axis=2)
+    recordings = found.estimate.nodes.recordings
+    counts = np.bincount(
+        modes_of(found.estimate), recordings.joined(values[:, :, None])[:, 0], len(laws.coef)
+    )
+    return len(laws.coef) == 1 or bool((counts > laws.free.sum(axis=(1, 2))).all())
 
 
 def _misfit(found: StayIdentification) -> tuple[float, float]:

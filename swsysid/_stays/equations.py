@@ -229,19 +229,24 @@ class NodeEquations:
         return self._reduced(LIMITS.rounding * self.hold, LIMITS.rounding)[:2]
 
     def covariance(self) -> Covariance:
-        """That of the unknowns; what nothing tells is held a little."""
+        """That of the unknowns; what nothing tells is held a little.
+
+        LinAlgError where nodes and laws held as by a sample are no positive matrix.
+        """
         hold = LIMITS.rounding * self.hold
-        matrix = self._reduced(hold, LIMITS.rounding)[0]
         unit = 1.0 / np.sqrt(np.where(np.diag(self.corner) > 0.0, np.diag(self.corner), 1.0))
         held = LIMITS.rounding
         while True:
             try:
+                matrix = self._reduced(hold, held)[0]
                 factor = matrix.in_units(unit).factor(least=held)
                 return Covariance(
                     factor, unit, held, self.n_laws, self.n_guards, self.place[self.at], self.own,
                     self.shared, self.stiffness + hold, self.since,
                 )  # fmt: skip
             except LinAlgError:  # not positive by rounding
+                if held > 1.0:
+                    raise
                 held *= _MORE_ROUNDING
 
     def _reduced(
