@@ -84,6 +84,11 @@ def fall(before: Left, after: Left) -> Fall:
     return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats), count)
 
 
+def price(n_parameters: int, count: float) -> float:
+    """Nats that parameters cost where so many independent samples have chosen them."""
+    return float(0.5 * n_parameters * np.log(count))
+
+
 def as_good(lost: Fall, significance: float) -> bool:
     """Whether what a model loses beside another one is no more than chance, or than a trifle.
 

@@ -9,16 +9,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from swsysid._output_error.engines import Engine
-from swsysid._output_error.estimate import Courses, Fit
+from swsysid._output_error.estimate import Courses, Fit, cost
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
-
-
-def cost(fit: Fit) -> float:
-    """Log of what is left of the states, in the mean."""
-    return float(np.log(np.maximum(fit.errors, 1e-300)).mean())
 
 
 @dataclass(frozen=True)
