@@ -17,7 +17,7 @@ from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.recording import Measured
-from swsysid._output_error.criterion import Left, as_good, fall
+from swsysid._output_error.criterion import Left, fall, go_astray
 from swsysid._output_error.engines import QUANTITIES, RATES
 from swsysid._output_error.law import Law
 from swsysid._output_error.search import Search, Searched
@@ -174,12 +174,6 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
     if tried:
         models = (*(engine.fitted(law, stretches) for law in last.law.ladder[:-1]), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
-
-
-def go_astray(before: Left, after: Left, significance: float) -> bool:
-    """Whether rollouts become surely worse, or leave all bounds."""
-    diverge = before.is_bounded and not after.is_bounded
-    return diverge or not as_good(fall(after, before), significance)
 
 
 def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[int, int]]:

@@ -98,6 +98,12 @@ def as_good(lost: Fall, significance: float) -> bool:
     return lost.share <= SETTINGS.worthwhile or not is_sure
 
 
+def go_astray(before: Left, after: Left, significance: float) -> bool:
+    """Whether rollouts become surely worse, or leave all bounds."""
+    diverge = before.is_bounded and not after.is_bounded
+    return diverge or not as_good(fall(after, before), significance)
+
+
 def _mean_squares(samples: Array) -> Array:
     known = np.where(np.abs(samples) < _MOST, samples, np.nan)
     return np.maximum(np.nanmean(np.square(known), axis=0), np.finfo(float).tiny)

@@ -85,9 +85,12 @@ class Values:
     def are_at_an_end(self, fit: Fit) -> bool:
         """Whether one of the last effect is as far as it is looked for.
 
-        What fits best there has its optimum beyond, where the effect is another one or none.
+        What fits best there has its optimum beyond, where the effect is another one or none. What
+        acts once may have acted before a recording begins.
         """
         term = fit.law.terms[-1]
+        if term.effect.acts_once:
+            return False
         ranges = term.effect.parameters(self.stretches.seen, term.place)
         for value, parameter in zip(term.theta, ranges, strict=True):
             values = np.unique(parameter.values)
