@@ -26,8 +26,9 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # lines less) for a room of its own (`_verdict`), which judges automata too (`_automaton_search`)
 # and what was given as recordings once more (`_stays`), and says it in Python (`top`). All steps of
 # a rollout are worked at once, and least squares of rollouts, which `refinement` had for itself,
-# stand in `_stays`. What several laws imitate is no answer (`_automaton_search`), positions may rest
-# or leave their range (`_cli`), and all samples tell what unseen ones leave open (`_output_error`).
+# stand in `_stays`. What several laws imitate is no answer (`_automaton_search`); positions may
+# rest
+# or leave their range (`_cli`); all samples tell what unseen ones leave open (`_output_error`).
 # Instants follow the residual (`effects`); of what nothing tells no interval is said
 # (`_effect_search`).
 MOST_LINES = {
