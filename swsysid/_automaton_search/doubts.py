@@ -18,15 +18,24 @@ from swsysid._simulation.model import law_equations
 _FEW = 10
 
 
+def imitates(found: IdentifiedAutomaton) -> bool:
+    """Whether modes that nothing tells alternate so fast that they make up any curve."""
+    return bool(untold(found.verdicts)) and _usual_stay(found) < _FEW
+
+
+def _usual_stay(found: IdentifiedAutomaton) -> int:
+    """Samples of a stay: their median."""
+    ends = [np.flatnonzero(np.diff(own, prepend=-1, append=-1)) for own in found.modes]
+    return int(np.median(np.concatenate([np.diff(own) for own in ends])))
+
+
 def untold_switches(found: IdentifiedAutomaton) -> str:
     """What is said of switches that no guard explains, "" if there are none."""
-    said = untold(found.verdicts)
-    ends = [np.flatnonzero(np.diff(own, prepend=-1, append=-1)) for own in found.modes]
-    usual = int(np.median(np.concatenate([np.diff(own) for own in ends])))
-    if not said or usual >= _FEW:
-        return said
+    if not imitates(found):
+        return untold(found.verdicts)
     return (
-        f"Nothing in the recordings tells when modes change, and half of the stays have {usual} "
+        "Nothing in the recordings tells when modes change, and half of the stays have "
+        f"{_usual_stay(found)} "
         "samples at most: modes that alternate so fast make up for something gradual, such as a "
         "lag or a hidden state. Search for effects of one law (EffectSearchCV), or record the "
         "signal that triggers them, at a higher rate."

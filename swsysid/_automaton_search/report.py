@@ -8,7 +8,7 @@ import numpy as np
 
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import TransitionVerdict
-from swsysid._automaton_search.doubts import doubts_of, untold_switches
+from swsysid._automaton_search.doubts import doubts_of, imitates, untold_switches
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.identify import KindsOfNoise
@@ -48,6 +48,8 @@ class AutomatonReport:
     excess : float or None
         What the laws leave where they are told when to switch, in units of the noise that
         neighbouring samples show; None where that is not told.
+    imitates : bool
+        Whether modes that nothing tells alternate so fast that they make up for something gradual.
     """
 
     equations: tuple[str, ...]
@@ -61,6 +63,7 @@ class AutomatonReport:
     doubts: tuple[str, ...]
     advice: str
     # none of reports that were saved before these were counted
+    imitates: bool = False
     n_recordings: int = 0
     n_samples: int = 0
     excess: float | None = None
@@ -94,6 +97,7 @@ class AutomatonReport:
             found.rollouts,
             tuple(doubts_of(found, asked, most)),
             " ".join(untold) or _judgement(found),
+            imitates(found),
             len(found.modes),
             len(modes),
             found.excess,

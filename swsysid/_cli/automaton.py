@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +36,9 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
         raise TableError("--automaton takes recorded states alone; leave out --derivatives.")
     with own_warnings() as notes:
         samples = measure(table, options.measurement)
-    found, told = automaton_of(samples, options, with_verdict=True)
+    answer = automaton_of(samples, options, with_verdict=True)
+    assert answer is not None  # it is asked for
+    found, told = answer
     beside = [f"note: {note}" for note in notes if note not in told]
     return save_automaton(
         found, samples, "\n\n".join([_recorded(samples), told, *beside]), folder, checksum
@@ -44,13 +46,18 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
 
 
 def automaton_of(
-    samples: Samples, options: JobOptions, with_verdict: bool = False
-) -> tuple[HybridAutomatonRegressor, str]:
-    """An automaton of recordings, and what is said of it."""
+    samples: Samples,
+    options: JobOptions,
+    with_verdict: bool = False,
+    is_worth: Callable[[HybridAutomatonRegressor], bool] = lambda found: True,
+) -> tuple[HybridAutomatonRegressor, str] | None:
+    """An automaton of recordings, and what is said of it; None if it is not worth judging."""
     identification = _Identification(samples, options)
     with own_warnings() as notes:
-        trained = identification.trained()
         found = identification.fitted(slice(None), options.modes)
+    if not is_worth(found):
+        return None
+    trained = identification.trained()
     # the advice of the report says what guards do not tell
     told = [f"note: {note}" for note in notes if note not in found.report_.advice]
     parts = [str(found.report_), identification.held_out(trained)]

@@ -13,16 +13,18 @@ from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._automaton_search.jumps import jumps_of
 from swsysid._cli.automaton import automaton_of, own_warnings
 from swsysid._cli.options import JobOptions
+from swsysid._cli.runs import parted
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.text import described, preparation, units_of_displays
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import stage
 from swsysid._results import Array
-from swsysid._stays.given import read_given
+from swsysid._stays.given import FEWEST_SAMPLES, read_given
 from swsysid._tables.table import Table, TableError
 from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import Terms
 from swsysid.diagnosis import EffectSearchCV
+from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
 from swsysid.effects import Effect, all_effects, special_effects
 
 
@@ -60,12 +62,12 @@ class Diagnosis:
         errors = self.search.report_.errors
         return np.array(errors[-1]["held_out"] if errors else [])
 
-    def beside(self, found: HybridAutomatonRegressor, told: str) -> Diagnosis:
-        """With several laws, where these leave a fraction of what one law leaves."""
+    def is_worse_than(self, found: HybridAutomatonRegressor) -> bool:
+        """Whether several laws leave a fraction of what one law leaves, and imitate no curve."""
         left = self.left[: len(found.noise_)]
         noise = found.noise_[: len(left)]
-        is_better = bool((noise < JUDGING.told * left).all()) and found.transitions_
-        return replace(self, several=found, told_of_several=told) if is_better else self
+        leaves_less = bool((noise < JUDGING.told * left).all())
+        return leaves_less and bool(found.transitions_) and not found.report_.imitates
 
     @property
     def text(self) -> str:
@@ -97,7 +99,8 @@ def diagnosed(
 ) -> Diagnosis:
     """What one law lacks; several laws, if the number is left open and one explains little."""
     with own_warnings() as notes, stage("Searching for what the law lacks", watched):
-        samples = measure(table, options.measurement)
+        # one law is rolled out through a rest as well
+        samples = measure(table, options.measurement, rest="keep")
         columns = tuple(range(samples.X.shape[1]))
         if options.position == "no":
             columns = columns[samples.n_known :]
@@ -111,9 +114,11 @@ def diagnosed(
     # one law, and what it jumps by, if that is enough
     for modes in [1] * jumps + ["auto"] * (jumps or done.explains_little):
         with stage("Looking for jumps" if modes == 1 else "Looking for several laws", watched):
-            done = done.beside(*automaton_of(samples, replace(options, modes=modes)))
-        if done.several is not None:
-            break
+            several = automaton_of(
+                samples, replace(options, modes=modes), is_worth=done.is_worse_than
+            )
+        if several is not None:
+            return replace(done, several=several[0], told_of_several=several[1])
     return done
 
 
@@ -161,7 +166,12 @@ def searched(
             given = pd.Series(given[:, 0], name=samples.rate_names[0])
         return search.fit(samples.frame, given, t=t, groups=several, signals=logged)
     x, inputs = samples.X[:, :n_states], samples.X[:, n_states:]
-    if options.measurement.order == 1:
+    if options.measurement.order == 2:
+        # where a sensor stays at its end a filter says nothing
+        assert t is not None
+        kept, groups = parted(t, groups, DIFFERENTIATION.largest_gap, FEWEST_SAMPLES)
+        x, inputs, signals, t = x[kept], inputs[kept], signals[kept], t[kept]
+    else:
         rows = recorded.of_samples()
         x, inputs, signals, t, groups = (
             rows.states,

@@ -114,6 +114,25 @@ def _parts(times, cells, rows: Rows, largest_gap: float, found: Findings) -> Ite
         yield from np.split(part, gaps)
 
 
+def parted(
+    times: NDArray[np.float64], labels: NDArray, largest_gap: float, fewest: int
+) -> tuple[Rows, NDArray]:
+    """Rows in parts without a gap in time, and the part of each: rows between were left out.
+
+    Of a trajectory with gaps parts of fewer rows than `fewest` are left out as well.
+    """
+    kept, names = [], []
+    for label, rows in trajectories(labels):
+        steps, word = np.diff(times[rows]), label_text(label)
+        usual = np.median(steps) if len(steps) else 0.0
+        parts = np.split(rows, np.flatnonzero(steps > largest_gap * usual) + 1)
+        for k, part in enumerate(parts, start=1):
+            if len(parts) == 1 or len(part) >= fewest:
+                kept.append(part)
+                names += [f"{word}.{k}" if k > 1 else word] * len(part)
+    return np.concatenate(kept), np.array(names, dtype=object)
+
+
 def _limits(times, cells, rows: Rows, found: Findings) -> Rows:
     """Of the rows at each time one, or the two limits of an event; rows in order of time."""
     same = np.diff(times[rows], prepend=-np.inf) == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,8 +93,11 @@ class Samples:
         return f"{name} [{self.unit(name)}]" if self.unit(name) else name
 
 
-def measure(table: Table, what: Measurement) -> Samples:
-    """The rows that `what` describes; TableError or ValueError say what is in the way."""
+def measure(table: Table, what: Measurement, rest: str = "thin") -> Samples:
+    """The rows that `what` describes; TableError or ValueError say what is in the way.
+
+    What becomes of a long `rest` is said as `differentiate` takes it.
+    """
     check_roles(table, what)
     table = with_own_clocks(in_seconds(table.spelled(what.channels), what), what)
     numbers, labels, steps, remarks = complete_cells(table, what)
@@ -108,7 +112,7 @@ def measure(table: Table, what: Measurement) -> Samples:
     if what.timed and not what.derivatives:
         put_between = fill_states(what, numbers, labels)
     whole = _complete(table, what, numbers, runs)
-    make = _with_derivatives if what.derivatives else _differentiated
+    make = _with_derivatives if what.derivatives else partial(_differentiated, rest=rest)
     X, Xdot, t, kept, smoothing = make(numbers[whole.rows], whole.labels, what)
     remarks += [*runs.remarks, *_shortened(whole, kept, smoothing)]
     if smoothing is not None:
@@ -230,7 +234,7 @@ def _refuse_rates(what: Measurement, X: Array) -> None:
         )
 
 
-def _differentiated(numbers, labels, what: Measurement):
+def _differentiated(numbers, labels, what: Measurement, rest: str):
     import pandas as pd
 
     states, inputs, times = np.split(numbers, [len(what.states), numbers.shape[1] - 1], axis=1)
@@ -247,7 +251,7 @@ def _differentiated(numbers, labels, what: Measurement):
     smoothing = choose_smoothing(*rows, window=what.window, cutoff=what.cutoff, **options)
     options |= {"window": smoothing.window, "cutoff": smoothing.cutoff}
     driven = inputs if inputs.shape[1] else None
-    return (*differentiate(*rows, inputs=driven, **options)[:4], smoothing)
+    return (*differentiate(*rows, inputs=driven, rest=rest, **options)[:4], smoothing)
 
 
 def _with_derivatives(numbers, labels, what: Measurement):

@@ -19,7 +19,7 @@ from swsysid._effect_search.contributions import beside_conventions, parameter_i
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
 from swsysid._noise import memory
-from swsysid._output_error.criterion import as_good, fall
+from swsysid._output_error.criterion import Left, as_good, fall, go_astray
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
@@ -27,6 +27,8 @@ from swsysid._output_error.search import Finding, Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import FoundEffect, PlacedEffect, RateEffect, Rival
+
+_ANYTHING = -np.inf, np.inf
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,10 @@ class RecordedOutcome:
         with np.errstate(over="ignore"):  # infinite where a rollout diverges
             return np.asarray(np.sqrt(np.nanmean(np.square(left), axis=0)))
 
+    def _by_itself(self, fit: Fit) -> Left:
+        """What free rollouts leave of the stretches that took part in no choice."""
+        return Left(self.search.engine.left_of(fit, self.held_out), self.held_out.series)
+
     @cached_property
     def effects(self) -> list[FoundEffect]:
         """The effects with numbers, intervals and rivals."""
@@ -160,7 +166,7 @@ class RecordedOutcome:
                     mode=None,
                     place=label,
                     parameters=parameters,
-                    intervals=intervals[place],
+                    intervals=intervals[place] | dict.fromkeys(_untold(term, records), _ANYTHING),
                     p_value=finding.p_value,
                     error_before=float(before[worst]),
                     error_after=float(after[worst]),
@@ -175,12 +181,15 @@ class RecordedOutcome:
     def _rivals(self, place: int, finding: Finding, state: int) -> Iterator[Rival]:
         """What would have done as well, on the stretches that took part in no choice, too."""
         engine, significance = self.search.engine, self.search.significance
-        best = engine.left_over(self.models[place + 1], self.held_out)
+        found = self.models[place + 1]
+        best, by_itself = engine.left_over(found, self.held_out), self._by_itself(found)
         names, noise = self.search.stretches.seen.names, self.models[place].noise
         for rival in finding.rivals:
             law = self.models[place].law.beside([rival])
             other = engine.fitted(law, self.search.stretches, noise=noise)
-            if not as_good(fall(engine.left_over(other, self.held_out), best), significance):
+            lost = fall(engine.left_over(other, self.held_out), best)
+            astray = go_astray(by_itself, self._by_itself(other), significance)
+            if astray or not as_good(lost, significance):
                 continue
             parameters = rival.effect.theta_names(self.search.stretches.seen, rival.place)
             yield Rival(
@@ -207,6 +216,16 @@ def _of_columns(
     own, rows = np.diag(widths**2), np.concatenate(places)
     own[np.ix_(told, told)] = covariance[np.ix_(rows, rows)]
     return own
+
+
+def _untold(term: PlacedEffect, seen: Records) -> Iterator[str]:
+    """Parameters that move nothing in any recording, as the begin of what acts before they do."""
+    ones = np.ones(len(term.effect.terms))
+    names = term.effect.theta_names(seen, term.place)
+    for number, (name, step) in enumerate(zip(names, _steps(term, seen), strict=True)):
+        slope = Slope(term, ones, number, step)
+        if len(ones) and not np.nan_to_num(slope.columns(seen, term.place)).any():
+            yield name
 
 
 def _steps(term: PlacedEffect, seen: Records) -> list[float]:

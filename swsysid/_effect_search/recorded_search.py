@@ -17,10 +17,10 @@ from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.recording import Measured
-from swsysid._output_error.criterion import Left, as_good, fall
+from swsysid._output_error.criterion import Left, fall, go_astray
 from swsysid._output_error.engines import QUANTITIES, RATES
 from swsysid._output_error.law import Law
-from swsysid._output_error.search import Search, Searched
+from swsysid._output_error.search import Finding, Search, Searched
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import Effect
@@ -153,7 +153,8 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
     What acts once has been judged by all samples. If the judgement is not strict, an effect is
     refuted only by what becomes surely worse.
     """
-    stretches, kept, tried = outcome.search.stretches, list(outcome.findings), []
+    stretches, kept = outcome.search.stretches, list(outcome.findings)
+    tried: list[tuple[Finding, Array, Array]] = []
     last, engine, held_out = outcome.models[-1], outcome.search.engine, outcome.held_out
     significance = outcome.search.significance
     for place in reversed(range(len(kept))):
@@ -166,6 +167,12 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
             least = 0.0 if strict else -judged.error
             is_better = judged.share > least and not go_astray(free[0], free[1], significance)
             kept[place] = replace(kept[place], p_value=float(p_value))
+        elif tried:  # what has been refuted since may have hidden it
+            whole = replace(outcome.search, stretches=outcome.every)
+            p_value = whole.p_value(
+                *(whole.model(outcome.refitted(one.law)) for one in (less, last))
+            )
+            kept[place] = replace(kept[place], p_value=p_value)
         if not is_better or p_value > significance:
             before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
             tried.append((kept.pop(place), before, after))
@@ -174,12 +181,6 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
     if tried:
         models = (*(engine.fitted(law, stretches) for law in last.law.ladder[:-1]), last)
     return replace(outcome, models=models, findings=tuple(kept), tried=tuple(tried))
-
-
-def go_astray(before: Left, after: Left, significance: float) -> bool:
-    """Whether rollouts become surely worse, or leave all bounds."""
-    diverge = before.is_bounded and not after.is_bounded
-    return diverge or not as_good(fall(after, before), significance)
 
 
 def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[int, int]]:

@@ -84,6 +84,11 @@ def fall(before: Left, after: Left) -> Fall:
     return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats), count)
 
 
+def price(n_parameters: int, count: float) -> float:
+    """Nats that parameters cost where so many independent samples have chosen them."""
+    return float(0.5 * n_parameters * np.log(count))
+
+
 def as_good(lost: Fall, significance: float) -> bool:
     """Whether what a model loses beside another one is no more than chance, or than a trifle.
 
@@ -91,6 +96,12 @@ def as_good(lost: Fall, significance: float) -> bool:
     """
     is_sure = lost.share > lost.error or lost.p_value <= significance
     return lost.share <= SETTINGS.worthwhile or not is_sure
+
+
+def go_astray(before: Left, after: Left, significance: float) -> bool:
+    """Whether rollouts become surely worse, or leave all bounds."""
+    diverge = before.is_bounded and not after.is_bounded
+    return diverge or not as_good(fall(after, before), significance)
 
 
 def _mean_squares(samples: Array) -> Array:

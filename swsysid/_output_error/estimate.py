@@ -74,6 +74,11 @@ class Fit(ABC):
         """Of free coefficients of the law with further columns; state and column of each."""
 
 
+def cost(fit: Fit) -> float:
+    """Log of what is left of the states, in the mean."""
+    return float(np.log(np.maximum(fit.errors, 1e-300)).mean())
+
+
 @dataclass(frozen=True)
 class Fitted(Fit):
     """A law with the coefficients of least output error on some stretches."""

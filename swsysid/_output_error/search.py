@@ -16,31 +16,18 @@ from swsysid._output_error.candidates import (
     is_sought,
     variants,
 )
-from swsysid._output_error.criterion import Fall, Left, as_good, fall
-from swsysid._output_error.engines import Engine
-from swsysid._output_error.estimate import Fit
+from swsysid._output_error.criterion import Fall, Left, as_good, fall, price
+from swsysid._output_error.engines import Engine, Model, as_likely
+from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
-from swsysid._output_error.values import Values, cost
+from swsysid._output_error.values import Values
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
 from swsysid.effects import Effect, PlacedEffect, RateEffect, UnknownFunction
 from swsysid.effects._shapes import shapes
-
-
-@dataclass(frozen=True, eq=False)
-class Model:
-    """A law fitted to all stretches, and what laws fitted to some of them leave of the others."""
-
-    fit: Fit
-    unseen: Left
-
-    @property
-    def law(self) -> Law:
-        """The law with its coefficients."""
-        return self.fit.law
 
 
 @dataclass(frozen=True)
@@ -267,11 +254,18 @@ class Search:
         return None
 
     def _simplest(self, models: Sequence[Model], now: Model) -> tuple[Model, list[Model]]:
-        """Of those that are as good as the best the one with the fewest parameters, and these."""
+        """Of those that are as good as the best the one with the fewest parameters, and these.
+
+        What happens rarely unseen stretches hardly tell: all samples may surely tell more.
+        """
         shares = {one: self.gain(now, one).share for one in models}
         best = self._best_name(models, shares)
         level = [one for one in models if self._as_good(one, best, now)]
-        chosen = min(level, key=lambda one: (one.law.n_parameters, self._rank(one), -shares[one]))
+        # a function without a name that is no better says less than any name
+        named = [one for one in level if one.is_nameless <= best.is_nameless]
+        likely = as_likely(named, self.gain(now, best).count, self.significance)
+        level = [one for one in level if one in likely or one not in named]
+        chosen = min(likely, key=lambda one: (one.law.n_parameters, self._rank(one), -shares[one]))
         return chosen, level
 
     def _best_name(self, models: Sequence[Model], shares: dict[Model, float]) -> Model:
@@ -281,14 +275,14 @@ class Search:
         beside which further evidence does not pay for further parameters.
         """
         best = least_of(models, lambda one: -shares[one])
-        named = [one for one in models if not _is_nameless(one)]
-        if not named or not _is_nameless(best):
+        named = [one for one in models if not one.is_nameless]
+        if not named or not best.is_nameless:
             return best
         name = least_of(named, lambda one: -shares[one])
         lost = fall(name.unseen, best.unseen)
-        price = 0.5 * np.log(lost.count) * (best.law.n_parameters - name.law.n_parameters)
+        more = price(best.law.n_parameters - name.law.n_parameters, lost.count)
         nearly_all = shares[name] >= (1.0 - SETTINGS.worthwhile) * shares[best]
-        return name if nearly_all or as_good(lost, 0.0) or lost.nats < price else best
+        return name if nearly_all or as_good(lost, 0.0) or lost.nats < more else best
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
@@ -389,7 +383,3 @@ class Search:
         lost = fall(other.unseen, best.unseen)
         explained = self.gain(now, other).share / self.gain(now, best).share
         return explained >= 0.5 and as_good(lost, self.significance)
-
-
-def _is_nameless(model: Model) -> bool:
-    return isinstance(model.law.terms[-1].effect, UnknownFunction)

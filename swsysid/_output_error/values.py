@@ -9,16 +9,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from swsysid._output_error.engines import Engine
-from swsysid._output_error.estimate import Courses, Fit
+from swsysid._output_error.estimate import Courses, Fit, cost
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
-
-
-def cost(fit: Fit) -> float:
-    """Log of what is left of the states, in the mean."""
-    return float(np.log(np.maximum(fit.errors, 1e-300)).mean())
 
 
 @dataclass(frozen=True)
@@ -90,9 +85,12 @@ class Values:
     def are_at_an_end(self, fit: Fit) -> bool:
         """Whether one of the last effect is as far as it is looked for.
 
-        What fits best there has its optimum beyond, where the effect is another one or none.
+        What fits best there has its optimum beyond, where the effect is another one or none. What
+        acts once may have acted before a recording begins.
         """
         term = fit.law.terms[-1]
+        if term.effect.acts_once:
+            return False
         ranges = term.effect.parameters(self.stretches.seen, term.place)
         for value, parameter in zip(term.theta, ranges, strict=True):
             values = np.unique(parameter.values)

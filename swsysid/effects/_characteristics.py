@@ -123,6 +123,13 @@ class _TwoSided(OfAChannel):
         return (Parameter("threshold", levels, "{channel}"),)
 
 
+def has_one_sign(values: Array) -> bool:
+    """Whether what moves hardly changes its sign: noise of what is empty for long is no sign."""
+    size = float(np.abs(values).sum())
+    rarer = 0.5 * (size - abs(float(values.sum())))
+    return bool(rarer < SETTINGS.rare_sign * size and np.ptp(values) > 0.0)
+
+
 class Saturation(_TwoSided):
     """``gain * clip(u, -threshold, threshold)`` in the place of ``gain * u``."""
 
@@ -166,7 +173,11 @@ class GainChange(_BeyondAThreshold):
 
 
 class PowerLaw(OfAChannel):
-    """``gain * sign(u) |u|**exponent`` in the place of ``gain * u``."""
+    """``gain * sign(u) |u|**exponent`` in the place of ``gain * u``.
+
+    Of inputs, and of states that hardly change their sign: what drains from a level goes with its
+    root (Torricelli).
+    """
 
     kind = "power_law"
     meaning = "{channel} acts through a power law"
@@ -174,8 +185,9 @@ class PowerLaw(OfAChannel):
     role = "replaces"
     formulas = ("sign({0}) |{0}|^{1}",)
 
-    def places(self, records: Records) -> range:
-        return records.inputs
+    def places(self, records: Records) -> list[int]:
+        levels = [one for one in records.states if has_one_sign(records.channel(one))]
+        return [*levels, *records.inputs]
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         return (Parameter("exponent", np.geomspace(0.25, 4.0, 17)),)

@@ -12,6 +12,7 @@ channel itself are
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from heapq import heappop, heappush
 from itertools import product
 
 import numpy as np
@@ -20,6 +21,8 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, figure
+
+Rows = NDArray[np.intp]
 
 _LEVEL = 0.01  # of its size: a channel that moves by less is the level to a hundredth
 
@@ -97,26 +100,39 @@ class TimeInterval(Effect):
 
     def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """The one that explains most."""
-        assert records.t is not None
         rows, column = self._acting(records, place), self._values(records, place)
-        instants, judged = np.unique(grid), left.any(axis=1)
-        ends = np.searchsorted(records.t[rows], instants)
+        judged = left.any(axis=1)
         squares = np.where(judged, np.square(column), 0.0)
-        sums = np.concatenate([[0.0], np.cumsum(squares[rows])])[ends]
-        share = (sums - sums[:, None]) / max(float(squares.sum()), np.finfo(float).tiny)
-        size, count = share * (1.0 - share), int(np.count_nonzero(judged))
-        possible = size > SETTINGS.samples_a_knot / max(count, 1)
-        if not self.ends:
-            possible[:, :-1] = False
-        chosen = []
+        sizes = np.cumsum(squares[rows]) / max(float(squares.sum()), np.finfo(float).tiny)
+        count, pairs = int(np.count_nonzero(judged)), []
         for one in left.T:
-            along = np.concatenate([[0.0], np.cumsum(column[rows] * one[rows])])[ends]
-            explained = np.square(along - along[:, None] - share * float(column @ one))
+            along = np.cumsum(column[rows] * one[rows])
+            instants, ends = self._bends(records, rows, grid, sizes, along)
+            share, moved = (
+                one - one[:, None]
+                for one in (np.concatenate([[0.0], sums])[ends] for sums in (sizes, along))
+            )
+            size = share * (1.0 - share)
+            possible = size > SETTINGS.samples_a_knot / max(count, 1)
+            if not self.ends:
+                possible[:, :-1] = False
+            explained = np.square(moved - share * float(column @ one))
             gains = np.where(possible, explained / np.where(possible, size, 1.0), 0.0)
             if gains.any():
-                chosen.append(np.unravel_index(int(gains.argmax()), gains.shape))
-        pairs = instants[np.array(chosen, dtype=np.intp).reshape(-1, 2)]
-        return pairs if self.ends else pairs[:, :1]
+                best = np.unravel_index(int(gains.argmax()), gains.shape)
+                pairs.append(instants[list(best)])
+        found = np.array(pairs).reshape(-1, 2)
+        return found if self.ends else found[:, :1]
+
+    def _bends(
+        self, records: Records, rows: Rows, grid: Array, sizes: Array, along: Array
+    ) -> tuple[Array, Rows]:
+        """Instants before, where a running sum bends most, and after; how many rows come before."""
+        assert records.t is not None
+        # a sum that bends at a sample is another one from the next sample on
+        begun = bends_of(sizes, along, SETTINGS.n_instants)[:-1] + 1
+        instants = np.concatenate([[grid.min()], records.t[rows[begun]], [grid.max()]])
+        return instants, np.concatenate([[0], begun, [len(rows)]])
 
     def rescanned(
         self, records: Records, place: Place, theta: Sequence[float], coef: Array, left: Array
@@ -148,15 +164,15 @@ class TimeInterval(Effect):
         self, records: Records, place: Place, taken: Array, coef: Array, left: Array
     ) -> Array | None:
         """Of all intervals beside those taken the one in which a change explains most."""
-        assert records.t is not None
-        rows, instants = self._acting(records, place), self.parameters(records, place)[0].values
+        rows, grid = self._acting(records, place), self.parameters(records, place)[0].values
         moves = self._values(records, place)[rows] * coef
         judged = left[rows].any(axis=1)
         gains = np.where(judged, 2.0 * moves * left[rows].sum(axis=1) - moves**2, 0.0)
         inside = self._boxes(records, place, taken, level=True)[rows] > 0.0
         gains[inside] = -np.abs(gains).sum()
-        ends = np.searchsorted(records.t[rows], instants)
-        sums = np.concatenate([[0.0], np.cumsum(gains)])[ends]
+        along = np.cumsum(gains)
+        instants, ends = self._bends(records, rows, grid, np.arange(len(rows)) / len(rows), along)
+        sums = np.concatenate([[0.0], along])[ends]
         counts = np.concatenate([[0], np.cumsum(judged)])[ends]
         explained = np.where(
             counts - counts[:, None] >= SETTINGS.samples_a_knot, sums - sums[:, None], 0.0
@@ -219,7 +235,7 @@ class TimeInterval(Effect):
         during = " or ".join(spans) if self.ends else f"{spans[0]} < t"
         return (f"[{during}]" if label.startswith("level") else f"{label} [{during}]",)
 
-    def _acting(self, records: Records, place: Place) -> NDArray[np.intp]:
+    def _acting(self, records: Records, place: Place) -> Rows:
         """Rows of the recording in which it acts."""
         if not isinstance(place, tuple):
             return np.arange(len(records))
@@ -230,6 +246,38 @@ class TimeInterval(Effect):
     def _values(self, records: Records, place: Place) -> Array:
         channel = self.proportional_to(place)
         return np.ones(len(records)) if channel is None else records.channel(channel)
+
+
+def bends_of(x: Array, y: Array, count: int) -> Rows:
+    """Numbers of so many points of a polygon at most, in order, at which it bends most.
+
+    Each is the one farthest from the line between its neighbours among those before it (Ramer,
+    1972; Douglas and Peucker, 1973).
+
+    Examples
+    --------
+    >>> x = np.arange(9.0)
+    >>> bends_of(x, np.interp(x, [0.0, 3.0, 5.0, 8.0], [0.0, 0.0, 2.0, 2.0]), 4).tolist()
+    [0, 3, 5, 8]
+    """
+    if len(x) < 2:
+        return np.arange(len(x))
+    parts, found = [_farthest(x, y, 0, len(x) - 1)], [0, len(x) - 1]
+    while parts and len(found) < count:
+        _, bend, first, last = heappop(parts)
+        found.append(bend)
+        for ends in ((first, bend), (bend, last)):
+            if ends[1] - ends[0] > 1:
+                heappush(parts, _farthest(x, y, *ends))
+    return np.sort(found)
+
+
+def _farthest(x: Array, y: Array, first: int, last: int) -> tuple[float, int, int, int]:
+    """Minus its distance from the line between two points, the point of a polygon, and the two."""
+    slope = (y[last] - y[first]) / max(x[last] - x[first], np.finfo(float).tiny)
+    away = np.abs(y[first : last + 1] - y[first] - slope * (x[first : last + 1] - x[first]))
+    bend = int(np.clip(away.argmax(), 1, max(last - first - 1, 1)))
+    return -float(away[bend]), first + bend, first, last
 
 
 def _pairs(theta: Sequence[float]) -> list[list[float]]:

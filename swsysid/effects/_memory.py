@@ -22,7 +22,7 @@ from swsysid.effects._base import (
     Place,
     spread,
 )
-from swsysid.effects._characteristics import OfAChannel
+from swsysid.effects._characteristics import OfAChannel, has_one_sign
 
 
 def _usual_duration(records: Records) -> float:
@@ -141,7 +141,7 @@ class TransportDelay(Effect):
         flows = [
             channel
             for channel in (*records.inputs, *records.signal_channels)
-            if _has_one_sign(records.channel(channel))
+            if has_one_sign(records.channel(channel))
         ]
         return [(own, flow) for own in records.inputs for flow in flows if own != flow]
 
@@ -174,11 +174,6 @@ class TransportDelay(Effect):
     def label(self, place: Place, names: Sequence[str]) -> str:
         """Such as ``T_in by flow``."""
         return f"{names[place[0]]} by {names[place[1]]}"
-
-
-def _has_one_sign(values: Array) -> bool:
-    share = float(np.mean(values > 0.0))
-    return bool(max(share, 1.0 - share) > 1.0 - SETTINGS.rare_sign and np.ptp(values) > 0.0)
 
 
 class Lag(Remembering):

@@ -11,7 +11,7 @@ import pytest
 from swsysid import HybridAutomaton, HybridAutomatonRegressor
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.assembly import TransitionVerdict
-from swsysid._automaton_search.doubts import untold_switches
+from swsysid._automaton_search.doubts import imitates, untold_switches
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.judged import by_rollouts
 from swsysid._automaton_search.resets import best_reset
@@ -124,7 +124,9 @@ def test_modes_that_alternate_all_the_time_are_not_believed(samples, said):
     """Half of the stays have three samples, or thirty; no guard tells any of them."""
     modes = [np.repeat(np.arange(40) % 2, samples)]
     verdicts = [TransitionVerdict(one, 1 - one, 20, 0.1, 1.0) for one in (0, 1)]
-    assert said in untold_switches(SimpleNamespace(modes=modes, verdicts=verdicts))
+    found = SimpleNamespace(modes=modes, verdicts=verdicts)
+    assert said in untold_switches(found)
+    assert imitates(found) == (samples == 3)
     told = [replace(one, explained=1.0) for one in verdicts]
     assert untold_switches(SimpleNamespace(modes=modes, verdicts=told)) == ""
 

@@ -86,6 +86,29 @@ def test_positions_alone_are_rolled_out_too(rubbing, tmp_path, capsys):
     assert float(friction) == pytest.approx(0.8, rel=0.1)  # of speeds that a filter has made
 
 
+@pytest.mark.parametrize("highest", [np.inf, 0.6], ids=["rest", "clipped"])
+def test_positions_may_rest_or_leave_the_range_of_their_sensor(highest, tmp_path, capsys):
+    """A mass that is left alone for six seconds, and an encoder that ends at 0.6 m."""
+    n_steps, fine = 1500, 20
+    t = STEP * np.arange(n_steps)
+    u = np.where((t > 10.0) & (t < 20.0), 0.0, 3.0 * np.sin(1.1 * t) + 2.0 * np.sin(2.9 * t))
+    x, v, positions = 0.3, 0.0, []
+    for k in range(n_steps):
+        positions.append(x)
+        for _ in range(fine):
+            force = u[k] - 4.0 * x - 0.3 * v
+            v += STEP / fine * (force - 0.8 * np.sign(v))
+            x += STEP / fine * v
+    measured = np.minimum(np.round(np.array(positions), 4), highest)
+    path = write_csv(tmp_path / "resting.csv", {"t_s": t, "x_m": measured, "u": u})
+    roles = ["--states", "x_m", "--order", "2", "--inputs", "u", "--time", "t_s"]
+    effects = ["--diagnose", "--effects", "coulomb_friction,bias,quadratic_drag"]
+    text, first = text_of([path, *roles, *effects], tmp_path, capsys)
+    assert first.startswith("Coulomb friction of x_m' in x_m'', p < 1e-16: with it the held-out")
+    friction = re.search(r"- (\S+) sign\(x_m'\)", text)[1]
+    assert float(friction) == pytest.approx(0.8, rel=0.1)  # of speeds that a filter has made
+
+
 def test_a_law_of_a_quantity_has_no_prime(tmp_path, capsys):
     rng, t = np.random.default_rng(1), np.arange(0.0, 20.0, 0.02)
     x = 10.0 * np.sin(1.3 * t) + 4.0 * np.sin(3.1 * t)

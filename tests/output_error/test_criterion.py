@@ -1,10 +1,13 @@
 """Evidence is no larger by chance than it says, and grows with what is taken away."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from swsysid._output_error.criterion import Left, fall
+from swsysid._output_error.engines import Model, as_likely
 
 
 def left(samples):
@@ -47,3 +50,21 @@ def test_what_has_diverged_is_worse_by_a_bound():
     judged = fall(left(errors), left(gone))
     assert judged.share == pytest.approx(1.0 - 25.0)
     assert judged.p_value == 1.0
+
+
+def test_of_two_that_predict_alike_all_samples_may_surely_tell():
+    """Errors of 1 and e ** -0.5 are 10 nats apart in 20 samples, one parameter 1.5 of them."""
+
+    def model(error, n_parameters):
+        law = SimpleNamespace(n_states=1, n_parameters=n_parameters)
+        return Model(SimpleNamespace(law=law, errors=np.array([error])), Left(np.ones((4, 1)), ()))
+
+    count = 20.0
+    limit, lag, nearly = model(1.0, 1), model(np.exp(-0.5), 2), model(np.exp(-0.4), 1)
+    assert limit.loss(count) - lag.loss(count) == pytest.approx(10.0 - 0.5 * np.log(20.0))
+    assert nearly.loss(count) - lag.loss(count) == pytest.approx(2.0 - 0.5 * np.log(20.0))
+    # log(100) is 4.6: the simpler law with the larger error is surely less likely
+    assert as_likely([limit, lag, nearly], count, 0.01) == [lag, nearly]
+    assert as_likely([limit, lag, nearly], count, 1e-4) == [limit, lag, nearly]
+    # and in few samples it is not
+    assert as_likely([limit, lag, nearly], 4.0, 0.01) == [limit, lag, nearly]

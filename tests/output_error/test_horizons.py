@@ -7,8 +7,7 @@ import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._effect_search.recorded_search import go_astray
-from swsysid._output_error.criterion import Left
+from swsysid._output_error.criterion import Left, go_astray
 from swsysid.effects import RateLimit, Stick
 
 STEP, TAU = 3.0, 40.0

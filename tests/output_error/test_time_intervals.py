@@ -52,6 +52,23 @@ def test_a_fan_that_starts_is_no_drift():
     assert effect.formula.startswith("-0.1") and " level from t = " in effect.formula
 
 
+def test_nothing_tells_when_that_began_which_acts_from_the_start():
+    """A lid that is open until 400 s and from 900 to 1200 s, or closed at all other times."""
+    data = box(0, loss=lambda t: 3.0 * LOSS if t < 400.0 or 900.0 < t < 1200.0 else LOSS)
+    [effect] = searched([data]).effects_
+    instants = {name: one for name, one in effect.parameters.items() if name != "change"}
+    outside = {name for name, one in instants.items() if not 0.0 <= one <= data["t"][-1]}
+    assert len(outside) == 1
+    for name, instant in instants.items():
+        low, high = effect.intervals[name]
+        is_told = name not in outside
+        assert np.isfinite([low, high]).tolist() == [is_told, is_told]
+        if is_told:
+            assert low < instant < high
+    # the box is cold from 280 s on, and tells no more of its loss until it is heated
+    assert {round(one, -1) for one in instants.values()} > {900.0, 1200.0}
+
+
 def test_what_ages_is_no_event():
     search = searched([box(1, draught=lambda t: -2e-4 * t)])
     assert [(one.kind, one.place) for one in search.effects_] == [("drift", "level")]
@@ -165,3 +182,16 @@ def test_the_interval_of_a_scan_is_the_one_of_the_residual():
     np.testing.assert_allclose(
         effect.columns(records, 0, 119.5, 179.5)[:, 0], np.where(inside, x, 0.0)
     )
+
+
+def test_what_acts_for_a_moment_of_a_long_record_is_seen():
+    """Thirty samples of twenty thousand, a sixth of a hundredth: instants follow the residual."""
+    t = np.arange(20_000.0)
+    rng = np.random.default_rng(3)
+    x = rng.uniform(1.0, 2.0, len(t))
+    records = make_records(x[:, None], 1, t=t, names=["x"])
+    inside = (t >= 7_311.0) & (t < 7_341.0)
+    left = (np.where(inside, 0.3, 0.0) * x + 0.1 * rng.standard_normal(len(t)))[:, None]
+    effect = TimeInterval()
+    [found] = effect.shortlist(records, 0, effect.grid(records, 0), left)
+    np.testing.assert_allclose(found, [7_311.0, 7_341.0], atol=1.0)  # 4.5 of the noise each
