@@ -150,8 +150,8 @@ def _judgement(found: IdentifiedAutomaton) -> str:
         left = "What the laws leave counts as noise"
     if not (rollouts.holds or found.verdicts):
         return (
-            f"{left} from one sample to the next; free rollouts leave the recordings: a law is off, "
-            "or the state jumps and is seen to do so too seldom."
+            f"{left} from one sample to the next; free rollouts leave the recordings: a law is "
+            "off, or the state jumps and is seen to do so too seldom."
         )
     if rollouts.holds and rollouts.tells_switches:
         if not found.verdicts:

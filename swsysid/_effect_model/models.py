@@ -81,8 +81,8 @@ def check_declared(estimator: object) -> None:
         )
     if isinstance(estimator, HybridAutomatonRegressor) and estimator.order != 1:
         raise ValueError(
-            "effects are looked for where all states are measured; declare a HybridAutomatonRegressor "
-            "of order 1 and give X and Xdot of differentiate(x, t, order=2)."
+            "effects are looked for where all states are measured; declare an automaton of order 1 "
+            "and give X and Xdot of differentiate(x, t, order=2)."
         )
     if isinstance(estimator, HybridAutomatonRegressor) and estimator.lags != 0:
         raise ValueError(
