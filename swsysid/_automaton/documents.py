@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
-from sklearn.pipeline import FeatureUnion
+from sklearn.compose import ColumnTransformer
+from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._automaton.parts import AutomatonParts, FirstModes
@@ -93,11 +94,37 @@ def _written_library(library: object) -> dict[str, object]:
     if isinstance(library, FeatureUnion) and library.transformer_weights is None:
         parts = {name: _written_library(part) for name, part in library.transformer_list}
         return {"together": parts, "prefixes": bool(library.verbose_feature_names_out)}
+    if isinstance(library, Pipeline):
+        return {"in_turn": {name: _written_library(part) for name, part in library.steps}}
+    if isinstance(library, ColumnTransformer) and _is_by_number(library):
+        columns = {name: _written_columns(*part) for name, *part in library.transformers}
+        return {"by_columns": columns, "prefixes": bool(library.verbose_feature_names_out)}
     raise TypeError(
         f"the features of {type(library).__name__} cannot be written without code; use a degree, a "
-        "FunctionLibrary of functions of NumPy or a FeatureUnion of these, or save the model with "
-        "joblib."
+        "FunctionLibrary of functions of NumPy or a FeatureUnion, a Pipeline or a "
+        "ColumnTransformer of these, or save the model with joblib."
     )
+
+
+def _is_by_number(library: ColumnTransformer) -> bool:
+    """Whether it takes columns by their numbers, and no others."""
+    numbered = all(
+        isinstance(columns, (list, tuple)) and all(isinstance(one, int) for one in columns)
+        for _, _, columns in library.transformers
+    )
+    return bool(numbered and library.remainder == "drop" and not library.transformer_weights)
+
+
+def _written_columns(library: object, columns: Sequence[int]) -> dict[str, object]:
+    """Features of some columns, these themselves where nothing is made of them."""
+    own = None if library == "passthrough" else _written_library(library)
+    return {"features": own, "columns": [int(column) for column in columns]}
+
+
+def _read_columns(told: Told, n_columns: int) -> tuple[BaseEstimator | str, list[int]]:
+    own = told["features"]
+    library = "passthrough" if own is None else _read_library(_mapping(own), n_columns)
+    return library, [whole("columns", one, least=0) for one in _listed(told["columns"])]
 
 
 def _name_in_numpy(function: object) -> str | None:
@@ -112,6 +139,16 @@ def _read_library(told: Told, n_columns: int) -> BaseEstimator:
         steps = [(name, _read_library(_mapping(part), n_columns)) for name, part in parts.items()]
         prefixes = flag("prefixes", told["prefixes"])
         return FeatureUnion(steps, verbose_feature_names_out=prefixes)
+    if "in_turn" in told:
+        turns = _mapping(told["in_turn"])
+        return Pipeline([(n, _read_library(_mapping(one), n_columns)) for n, one in turns.items()])
+    if "by_columns" in told:
+        prefixes = flag("prefixes", told["prefixes"])
+        each = [
+            (name, *_read_columns(_mapping(one), n_columns))
+            for name, one in _mapping(told["by_columns"]).items()
+        ]
+        return ColumnTransformer(each, verbose_feature_names_out=prefixes)
     if "degree" in told:
         degree = whole("degree", told["degree"], least=0)
         check_degree("degree", degree, n_columns)

@@ -202,7 +202,7 @@ def _answer(
         told.states,
         switch_times_of(told.changes, len(given.records)),
         told.left[: given.sensed.n_channels],
-        _excess(search.excess(stays), given, told, noise),
+        _excess(search.excess(stays, told.left), given, told, noise),
         verdicts_of(
             told.real,
             certificates(told, given, laws),

@@ -385,11 +385,12 @@ class Search:
         seen = np.isfinite(left).any(axis=(0, 2))
         return float(np.sqrt(np.median(np.nanmean(left[:, seen], axis=0), axis=0).max()))
 
-    def excess(self, found: StayIdentification) -> Array:
-        """What the rollouts leave, relative to the noise that differences show, (n_channels,)."""
+    def excess(self, found: StayIdentification, left: Array | None = None) -> Array:
+        """What is `left`, or by the rollouts, by the noise that differences show, (n_channels,)."""
         n_channels = self.given.n_channels
         least = LIMITS.exactly * found.estimate.laws.spread
-        return found.left[:n_channels] / np.maximum(self.base.noise, least)[:n_channels]
+        left = found.left if left is None else left
+        return left[:n_channels] / np.maximum(self.base.noise, least)[:n_channels]
 
 
 def check_order(order: object) -> int:

@@ -5,6 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from sklearn.compose import ColumnTransformer
+from sklearn.pipeline import FeatureUnion, Pipeline
+from sklearn.preprocessing import PolynomialFeatures
 from test_continuous import CASES
 from test_discrete import ARX
 from test_stating import AUTOMATON
@@ -145,3 +148,19 @@ def test_a_damaged_dict_is_one_sentence(damage):
 def test_what_is_no_dict_of_an_automaton_is_refused(told):
     with pytest.raises(ValueError, match="this is no automaton of swsysid"):
         HybridAutomaton.from_dict(told)
+
+
+def test_features_of_columns_in_turn_are_kept():
+    """Sines of an angle in degrees, as the command line has them for units of degrees."""
+    radians = FunctionLibrary([np.deg2rad], names=["{}"])
+    angle = ColumnTransformer([("angle", radians, [0])], verbose_feature_names_out=False)
+    waves = Pipeline([("angle", angle), ("waves", FunctionLibrary([np.sin, np.cos]))])
+    parts = [("products", PolynomialFeatures(1)), ("waves", waves)]
+    library = FeatureUnion(parts, verbose_feature_names_out=False)
+    laws = [[[0.0, 0.0, 1.0, 0.0, 0.0], [0.0, 0.0, -0.1, -500.0, 0.0]]]
+    plant = HybridAutomaton.stated(
+        laws, [(0, 0, "q <= -5", {"v": "-0.8 v"})], states=["q", "v"], feature_library=library
+    )
+    again = _through_json(plant)
+    assert again.equations() == plant.equations()
+    _same_rollouts(again, plant, [30.0, 0.0], 0, 3.0)
