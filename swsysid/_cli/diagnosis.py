@@ -90,7 +90,8 @@ class Diagnosis:
                     f"over what was held out: {self.search.report_.summary}"
                 )
             report = f"{what}. {self.told_of_several}\n\n{one_law}"
-        notes = [f"note: {note}" for note in self.notes if note not in report]
+        # what stands in the report, perhaps after another first sentence, is said
+        notes = [f"note: {one}" for one in self.notes if one.split(". ", 1)[-1] not in report]
         return "\n\n".join(["\n".join(data), report, *notes])
 
 

@@ -160,7 +160,7 @@ def test_a_short_record_is_told_what_would_do(tmp_path, capsys):
     asked = [path, "--states", "height_px", "--time", "t_s", "--diagnose"]
     text, _ = text_of(asked, tmp_path, capsys)
     told = re.search(
-        r"Record (\d+), .*: such steps over a time of (\S+), or steps of (\S+)\.", text
+        r"Record (\d+) samples: as fast as now over a time of (\S+), or in steps of (\S+)\.", text
     )
     more = int(told[1]) / 40.0
     assert float(told[2]) == pytest.approx(more * t[-1], rel=0.05)
