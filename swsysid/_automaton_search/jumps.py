@@ -41,6 +41,8 @@ _BEYOND_CURVATURE = 12.0
 # Of a turn, coefficients that both sides share, and the quantile of noise up to which they follow;
 # what one about a sample counts beside one in an interval, which it otherwise is as well.
 _SHARED, _FOLLOWS, _ABOUT = 5, 0.9999, 0.5
+# Of accelerations, what is usual: a record may rest for half of its time.
+_USUAL_MOTION = 0.75
 _AT_ONCE = 10_000  # intervals that are worked at once
 
 
@@ -182,9 +184,16 @@ def _turned(t: Array, values: Array, noise: Array) -> Array:
     freedom = left.shape[2] - basis.shape[2]
     squares, speed = np.square(left / noise[:, None]).sum(axis=2), _SHARED + 1
     error = noise * np.sqrt(np.square(inverse[:, speed]).sum(axis=1))[:, None]
-    turned = np.abs(coef[:, :, speed]) / error / SETTINGS.beyond_noise
     # what leaves more than noise is another motion, or turns elsewhere
     follows = squares <= chi2.ppf(_FOLLOWS, freedom)
+    # a motion that comes to rest, or whose law switches somewhere in the interval, changes its
+    # speed by no more than a usual acceleration does in an interval
+    seen = np.where(follows, np.abs(coef[:, :, 2]), np.nan)
+    some = follows.any(axis=0).all()
+    usual = np.nanquantile(seen, _USUAL_MOTION, axis=0) if some else np.zeros(seen.shape[1])
+    part = ((t[:, width] - t[:, width - 1]) / unit)[:, None]
+    turned = np.abs(coef[:, :, speed]) - 2.0 * part * usual
+    turned = np.maximum(turned, 0.0) / error / SETTINGS.beyond_noise
     return np.asarray(np.where(follows, turned, 0.0).max(axis=1))
 
 

@@ -32,7 +32,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # said (`_effect_search`). Documents keep features of columns in turn (`_automaton`).
 MOST_LINES = {
     "_automaton": 2900,
-    "_automaton_search": 4990,
+    "_automaton_search": 5000,
     "_checks": 600,
     "_cli": 3690,
     "_data": 2190,
