@@ -21,7 +21,7 @@ from swsysid._stays.given import Given
 from swsysid._stays.pieces import without_limits
 from swsysid._stays.settings import LIMITS
 from swsysid._ties import first_least
-from swsysid.refinement._rollout_score import determination
+from swsysid.refinement._rollout_score import determination, rough_states
 
 _TURNS_OF_STARTS = 10
 
@@ -154,7 +154,7 @@ def start_of(automaton: HybridAutomaton, record: Record) -> tuple[Array, int]:
 
 def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array, float]:
     """The state from which a rollout in a mode fits some samples best, and half its squares."""
-    rough = _with_rates(first, automaton.n_states)
+    rough = rough_states(first, automaton.n_states)
     unit, guess = spread(rough), rough[: automaton.lags + 1]
 
     def misfit(start: Array) -> Array:
@@ -175,16 +175,6 @@ def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array,
         max_nfev=_TURNS_OF_STARTS,
     )
     return start(found.x), float(found.cost)
-
-
-def _with_rates(record: Record, n_states: int) -> Array:
-    """Measured states, beside positions the slopes of their parabola at its begin."""
-    measured = record.filled
-    if measured.shape[1] == n_states:
-        return measured
-    since = record.t - record.t[0]
-    _, slope, bend = np.linalg.lstsq(np.vander(since, 3, increasing=True), measured, rcond=None)[0]
-    return np.hstack([measured, slope + 2.0 * since[:, None] * bend])
 
 
 def _left(automaton: HybridAutomaton, record: Record, start: Array, mode: int) -> Array:

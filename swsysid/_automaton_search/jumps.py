@@ -165,36 +165,40 @@ def _turns(t: Array, y: Array, noise: Array, width: int) -> Array:
     for share, samples in ((1.0, sides), (_ABOUT, sides + (sides >= width))):
         length = int(samples[-1]) + 1
         times, values = sliding_window_view(t, length), sliding_window_view(y, length, axis=0)
-        for k in range(0, len(times), _AT_ONCE):
-            own = slice(k, min(k + _AT_ONCE, len(times)))
-            found = share * _turned(times[own][:, samples], values[own][:, :, samples], noise)
-            turned[own] = np.maximum(turned[own], found)
+        parts = [slice(k, k + _AT_ONCE) for k in range(0, len(times), _AT_ONCE)]
+        found = [_turn(times[own][:, samples], values[own][:, :, samples], noise) for own in parts]
+        if not found:
+            continue
+        jumps, errors, moves = (np.concatenate(one) for one in zip(*found, strict=True))
+        # a motion that comes to rest, or whose law switches somewhere in the interval, changes its
+        # speed by no more than a usual acceleration does in an interval
+        follows = np.isfinite(moves)
+        usual = np.nanquantile(moves, _USUAL_MOTION, axis=0) if follows.any(axis=0).all() else 0.0
+        duration = times[:, samples[width]] - times[:, samples[width - 1]]
+        beyond = np.maximum(jumps - duration[:, None] * usual, 0.0)
+        own = np.where(follows, beyond / errors / SETTINGS.beyond_noise, 0.0).max(axis=1)
+        turned[: len(own)] = np.maximum(turned[: len(own)], share * own)
     return turned
 
 
-def _turned(t: Array, values: Array, noise: Array) -> Array:
+def _turn(t: Array, values: Array, noise: Array) -> tuple[Array, Array, Array]:
+    """Jumps of the speed amid windows, their errors, and accelerations before, NaN if none follows.
+
+    A window that leaves more than noise is another motion, or turns elsewhere.
+    """
     width = t.shape[1] // 2
-    at, unit = 0.5 * (t[:, width - 1] + t[:, width]), t[:, -1] - t[:, 0]
-    since = (t - at[:, None]) / unit[:, None]
+    at, unit = 0.5 * (t[:, width - 1] + t[:, width]), (t[:, -1] - t[:, 0])[:, None]
+    since = (t - at[:, None]) / unit
     after = np.where(since > 0.0, 1.0, 0.0)[:, :, None] * since[:, :, None] ** np.arange(3)
     basis = np.concatenate([since[:, :, None] ** np.arange(_SHARED), after], axis=2)
     inverse = np.linalg.pinv(basis)
     coef = np.matmul(values, inverse.transpose(0, 2, 1))
     left = values - np.matmul(coef, basis.transpose(0, 2, 1))
-    freedom = left.shape[2] - basis.shape[2]
-    squares, speed = np.square(left / noise[:, None]).sum(axis=2), _SHARED + 1
-    error = noise * np.sqrt(np.square(inverse[:, speed]).sum(axis=1))[:, None]
-    # what leaves more than noise is another motion, or turns elsewhere
-    follows = squares <= chi2.ppf(_FOLLOWS, freedom)
-    # a motion that comes to rest, or whose law switches somewhere in the interval, changes its
-    # speed by no more than a usual acceleration does in an interval
-    seen = np.where(follows, np.abs(coef[:, :, 2]), np.nan)
-    some = follows.any(axis=0).all()
-    usual = np.nanquantile(seen, _USUAL_MOTION, axis=0) if some else np.zeros(seen.shape[1])
-    part = ((t[:, width] - t[:, width - 1]) / unit)[:, None]
-    turned = np.abs(coef[:, :, speed]) - 2.0 * part * usual
-    turned = np.maximum(turned, 0.0) / error / SETTINGS.beyond_noise
-    return np.asarray(np.where(follows, turned, 0.0).max(axis=1))
+    freedom, speed = left.shape[2] - basis.shape[2], _SHARED + 1
+    follows = np.square(left / noise[:, None]).sum(axis=2) <= chi2.ppf(_FOLLOWS, freedom)
+    errors = noise * np.sqrt(np.square(inverse[:, speed]).sum(axis=1))[:, None] / unit
+    accelerations = np.where(follows, 2.0 * np.abs(coef[:, :, 2]) / np.square(unit), np.nan)
+    return np.abs(coef[:, :, speed]) / unit, errors, accelerations
 
 
 def _parabolas(t: Array, values: Array, at: Array) -> tuple[Array, Array, Array, Array]:

@@ -87,6 +87,10 @@ class ModeRows:
             and (modes[first - 1], modes[last + 1]) in self.whole
         ]
 
+    def is_whole(self, taken: Taken) -> bool:
+        """Whether the transition that was taken resets the whole lagged state."""
+        return (int(taken.source[0]), int(taken.target[0])) in self.whole
+
     @property
     def n_made_anew(self) -> int:
         """How many rows these are, but for one of each transition."""

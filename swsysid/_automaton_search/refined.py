@@ -193,8 +193,7 @@ def _courses(
     first_modes = [one.modes[0] for one in stays.estimate.nodes.stays]
     times = stays.estimate.nodes.recordings.times
     # a jump is seen at the samples beside it, that of a speed which is not measured soon after
-    recordings = stays.estimate.nodes.recordings
-    late = recordings.interval * np.isnan(recordings.y).all(axis=(0, 1)).any()
+    late = stays.estimate.nodes.recordings.interval if pieces.given.n_positions else 0.0
     known = switches.known + late * np.array([-1.0, 1.0])
     between = np.where(switches.jumped[:, None], known, (-np.inf, np.inf))
     courses, rows = [], []

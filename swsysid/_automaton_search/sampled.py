@@ -221,9 +221,8 @@ def _reset(taken: Taken, rows: ModeRows) -> FoundReset | None:
     """The reset of a transition, if the state jumps at most of its switches."""
     if taken.jumped.mean() <= 0.5:
         return None
-    n_states, n_seen, held = rows.stays.rows.n_states, rows.stays.rows.n_states, 0
-    if (int(taken.source[0]), int(taken.target[0])) in rows.whole:
-        n_seen, held = rows.n_lagged, n_states
+    n_states = rows.stays.rows.n_states
+    n_seen, held = (rows.n_lagged, n_states) if rows.is_whole(taken) else (n_states, 0)
     least = _LEAST_NOISE * np.maximum(taken.after.std(axis=0), np.finfo(float).tiny)
     noise = np.tile(rows.stays.noise, n_seen // n_states)
     errors = SETTINGS.end_of_stay * np.maximum(noise, least[:n_seen])
@@ -255,7 +254,7 @@ def _cost_of_reset(taken: Taken, rows: ModeRows) -> float:
     reset, n_states = _reset(taken, rows), rows.stays.rows.n_states
     assert reset is not None, "the state jumps at most of its switches"
     left = reset.left
-    if left.shape[1] > n_states:
+    if rows.is_whole(taken):
         _, change = rows.older(taken.rows, taken.target)
         left = np.matmul(change, left[:, n_states:, None])[:, :, 0]
     least = _LEAST_NOISE * np.maximum(taken.after[:, :n_states].std(axis=0), np.finfo(float).tiny)

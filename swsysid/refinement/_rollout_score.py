@@ -39,15 +39,23 @@ def _misfit(model: SwitchingSystemRegressor, record: Record) -> Array:
     return record.y - run.x[:, : record.y.shape[1]]
 
 
+def rough_states(record: Record, n_states: int) -> Array:
+    """Measured states; beside positions their slopes, at first of the first two together."""
+    measured = record.filled
+    if measured.shape[1] == n_states:
+        return measured
+    speeds = np.gradient(measured, record.t, axis=0)
+    speeds[0] = speeds[:2].mean(axis=0)
+    return np.hstack([measured, speeds])
+
+
 def start_of(
     model: SwitchingSystemRegressor, record: Record, n_first: int = LIMITS.first_samples
 ) -> Array:
     """The state from which a rollout fits the first samples best."""
     n_states, n_channels = model.coef_.shape[1], record.y.shape[1]
     first = record.part(0, min(n_first, len(record.t) - 1))
-    filled = first.filled
-    speeds = np.gradient(filled, first.t, axis=0)[:2].mean(axis=0)
-    guess = np.concatenate([filled[0], speeds])[:n_states]
+    guess = rough_states(first, n_states)[0]
     fields = {"t": first.t, "x": first.y}
     if record.u.size:
         fields["inputs"] = first.u

@@ -48,7 +48,7 @@ MOST_LINES = {
     "_losses": 760,
     "metrics": 720,
     "_output_error": 2270,
-    "refinement": 1710,
+    "refinement": 1720,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2370,
