@@ -9,7 +9,12 @@ public, whichever part of the package makes them.
 """
 
 from swsysid._automaton.parts import FirstModes
-from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton.transitions import (
+    AffineReset,
+    ConjunctiveGuard,
+    PolynomialGuard,
+    Transition,
+)
 from swsysid._automaton_search.assembly import TransitionVerdict
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.report import AutomatonReport
@@ -36,6 +41,7 @@ __all__ = [
     "Assignment",
     "AutomatonRefinement",
     "AutomatonReport",
+    "ConjunctiveGuard",
     "CountCandidate",
     "FirstModes",
     "FitCertificate",

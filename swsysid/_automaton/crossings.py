@@ -3,7 +3,8 @@
 Along a step the states are polynomials in time (the integrator's dense output), inputs and clocks
 are linear. A polynomial guard is therefore a polynomial in time, known from its values at as many
 Chebyshev points as it has coefficients, and its roots cut the step into intervals of one sign: no
-visit to the other side of a guard is missed, however short.
+visit to the other side of a guard is missed, however short. A guard of several conditions keeps its
+sign between the roots of all of them.
 
 `GuardWatch` knows the guards of the mode that a rollout is in: which is due, or will be first.
 """
@@ -73,17 +74,19 @@ class GuardColumns:
 def first_rise(watched: Watched, columns: GuardColumns, n_states: int) -> float | None:
     """The first time of a step at which a transition is taken, or None."""
     piece, guard = columns.piece, watched.transition.guard
-    degree = _degree_in_time(guard, piece.degree, n_states)
-    nodes, transform = _chebyshev_points(degree)
     middle, half = (piece.start + piece.stop) / 2, (piece.stop - piece.start) / 2
-    coef = transform @ guard.values(columns(middle + half * nodes))
-    if not np.isfinite(coef).all():  # the state is on its way out of its bound
-        return None
-    if coef[0] + np.abs(coef[1:]).sum() < -watched.band:
-        watched.armed = True
-        return None
-    cuts = np.clip(middle + half * _roots_within(coef), piece.start, piece.stop)
-    edges = [piece.start, *cuts.tolist(), piece.stop]
+    cuts: list[float] = []
+    for one in guard.conditions:
+        nodes, transform = _chebyshev_points(_degree_in_time(one, piece.degree, n_states))
+        coef = transform @ one.values(columns(middle + half * nodes))
+        if not np.isfinite(coef).all():  # the state is on its way out of its bound
+            return None
+        if coef[0] + np.abs(coef[1:]).sum() < -watched.band:
+            watched.armed = True
+            return None
+        roots = np.clip(middle + half * _roots_within(coef), piece.start, piece.stop)
+        cuts += roots.tolist()
+    edges = [piece.start, *sorted(cuts), piece.stop]
     within = [(a + b) / 2 for a, b in zip(edges[:-1], edges[1:], strict=True)]
     last = piece.start
     for time in (piece.start, *within, piece.stop):

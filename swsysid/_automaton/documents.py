@@ -13,7 +13,13 @@ from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._automaton.parts import AutomatonParts, FirstModes
 from swsysid._automaton.polynomial_text import MOST_TERMS
-from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton.transitions import (
+    AffineReset,
+    Guard,
+    PolynomialGuard,
+    Transition,
+    guard_of,
+)
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import flag, names_of_columns, whole
 from swsysid._data.features import FeatureMap, FunctionLibrary, check_degree
@@ -169,21 +175,37 @@ def _written_transition(one: Transition) -> dict[str, object]:
     return {
         "source": int(one.source),
         "target": int(one.target),
-        "guard": {"coef": one.guard.coef.tolist(), "powers": one.guard.powers.tolist()},
+        "guard": _written_guard(one.guard),
         "reset": reset and {"matrix": reset.matrix.tolist(), "offset": reset.offset.tolist()},
         "support": int(one.support),
     }
 
 
+def _written_guard(guard: Guard) -> dict[str, object]:
+    """A polynomial, or the polynomials that must all hold."""
+    written = [
+        {"coef": one.coef.tolist(), "powers": one.powers.tolist()} for one in guard.conditions
+    ]
+    return written[0] if len(written) == 1 else {"all": written}
+
+
+def _read_guard(told: Told) -> Guard:
+    parts = _listed(told["all"]) if "all" in told else [told]
+    read = [
+        PolynomialGuard(
+            _array("coef", part["coef"], (None,)), _whole_numbers("powers", part["powers"])
+        )
+        for part in map(_mapping, parts)
+    ]
+    return guard_of(read)
+
+
 def _read_transition(entry: object) -> Transition:
     told = _mapping(entry)
-    guard = _mapping(told["guard"])
-    coef = _array("coef", guard["coef"], (None,))
-    powers = _whole_numbers("powers", guard["powers"])
     return Transition(
         whole("source", told["source"], least=0),
         whole("target", told["target"], least=0),
-        PolynomialGuard(coef, powers),
+        _read_guard(_mapping(told["guard"])),
         None if told["reset"] is None else _read_reset(_mapping(told["reset"])),
         whole("support", told["support"], least=0),
     )

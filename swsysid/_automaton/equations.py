@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton.transitions import AffineReset, Guard, PolynomialGuard, Transition
 from swsysid._rendering.printing import linear_combination, symbol
 
 
@@ -33,17 +33,25 @@ def transition_equation(
 
 
 def guard_text(
-    guard: PolynomialGuard,
+    guard: Guard,
     columns: Sequence[str],
     precision: int,
     style: str = "text",
     *,
     brief: bool = False,
 ) -> str:
-    """The inequality that becomes true where a transition is taken.
+    """The inequalities that have become true where a transition is taken.
 
     Where one monomial stands beside a constant it stands alone: T >= 22.
     """
+    joint = r" \wedge " if style == "latex" else " and "
+    parts = (_condition(one, columns, precision, style, brief) for one in guard.conditions)
+    return joint.join(parts)
+
+
+def _condition(
+    guard: PolynomialGuard, columns: Sequence[str], precision: int, style: str, brief: bool
+) -> str:
     terms: dict[str, float] = {}
     for value, name in zip(guard.coef.tolist(), guard_terms(guard, columns), strict=True):
         terms[name] = terms.get(name, 0.0) + value

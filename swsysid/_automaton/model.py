@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from numpy.typing import ArrayLike
@@ -13,8 +13,9 @@ from swsysid._automaton.documents import document_of, parts_of
 from swsysid._automaton.equations import transition_equation
 from swsysid._automaton.parts import AutomatonParts, check_lags
 from swsysid._automaton.rollouts import roll_out
-from swsysid._automaton.spaceex import spaceex_model, spaceex_settings
+from swsysid._automaton.spaceex import spaceex_model
 from swsysid._automaton.spaceex_reading import read_spaceex
+from swsysid._automaton.spaceex_settings import spaceex_settings
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement, constants_of
 from swsysid._checks.parameters import flag
 from swsysid._results import Trajectory
@@ -266,14 +267,14 @@ class HybridAutomaton(AutomatonParts):
         parameters: Mapping[str, float] | None = None,
         *,
         component: str | None = None,
+        settings: str | Path | None = None,
         urgent: bool = False,
     ) -> HybridAutomaton:
         """The automaton of a SpaceEx model that `to_spaceex` wrote, or of one that means the same.
 
         Networks are resolved: templates get the names and numbers of their binds, and instances
         run side by side, a mode for each combination of their locations. Flows are polynomials,
-        assignments affine, and guards one polynomial inequality; a further condition must hold
-        wherever the first rises to zero.
+        assignments affine, and guards polynomial inequalities.
 
         SpaceEx transitions may be taken while their guard holds and must be taken where the
         invariant ends; here they are taken where their guard rises to zero. A model is read where
@@ -284,9 +285,13 @@ class HybridAutomaton(AutomatonParts):
         ----------
         path : str or path
         parameters : dict of str to float, default=None
-            Values of the constants that the model leaves open.
+            Values of the constants that the model leaves open, before those of the settings.
         component : str, default=None
-            The component that is the system; None is the one that is no part of another one.
+            The component that is the system; None is that of the settings, or the one that is no
+            part of another one.
+        settings : str or path, default=None
+            The ``.cfg`` that says how the model is run: its component, its constants and the mode
+            in which a rollout starts. None is the one of the same name, where there is one.
         urgent : bool, default=False
             True lets the guards alone decide: transitions are taken as soon as they may be, and
             invariants are left out.
@@ -316,15 +321,16 @@ class HybridAutomaton(AutomatonParts):
         >>> HybridAutomaton.from_spaceex(path).equations() == ball.equations()
         True
         """
-        constants = constants_of(parameters)
-        model = read_spaceex(Path(path).read_bytes(), constants, component, flag("urgent", urgent))
-        return cls.stated(
+        named = path, constants_of(parameters), component, settings
+        model = read_spaceex(*named, flag("urgent", urgent))
+        stated = cls.stated(
             model.laws,
             model.transitions,
             states=model.states,
             inputs=model.inputs,
-            parameters=constants,
+            parameters=model.parameters,
         )
+        return replace(stated, first_modes=model.first_modes)
 
     # -- rollouts ----------------------------------------------------------------------------------
 

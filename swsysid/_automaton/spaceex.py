@@ -3,7 +3,8 @@
 SpaceEx transitions may be taken while their guard holds and must be taken where the invariant ends.
 The invariant of a location is therefore that no guard of its transitions has become positive, and
 what is written as guard is that it rises: it is not negative, nor is its time derivative. A ball
-that has just left the ground would else jump for ever at one instant.
+that has just left the ground would else jump for ever at one instant. No invariant says that one of
+several conditions does not hold: their transition is one that is taken as soon as possible.
 """
 
 from __future__ import annotations
@@ -13,15 +14,14 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.parts import AutomatonParts
 from swsysid._automaton.polynomials import Polynomial, negative, nonzero, rate
 from swsysid._automaton.spaceex_network import NAMESPACE
-from swsysid._automaton.transitions import Transition
-from swsysid._checks.arrays import column, state
-from swsysid._checks.parameters import shown, whole
+from swsysid._automaton.transitions import PolynomialGuard, Transition
+from swsysid._checks.parameters import shown
 from swsysid._results import Array
 
 #: The note of what is written, by which it is read again.
@@ -59,7 +59,7 @@ def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
         kept = [
             f"{expression(one.guard.coef, one.guard.powers, columns)} <= 0"
             for one in transitions
-            if one.source == mode
+            if one.source == mode and isinstance(one.guard, PolynomialGuard)
         ]
         if kept:
             ElementTree.SubElement(location, "invariant").text = " & ".join(kept)
@@ -78,7 +78,12 @@ def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
 
 
 def _rising(one: Transition, law: Array, powers: NDArray[np.intp]) -> list[Polynomial]:
-    """A guard, and its time derivative where that is known and may be negative."""
+    """A guard, and its time derivative where that is known and may be negative.
+
+    Of several conditions any may be the last to become true: they stand alone.
+    """
+    if not isinstance(one.guard, PolynomialGuard):
+        return [_polynomial(each.coef, each.powers) for each in one.guard.conditions]
     guard = _polynomial(one.guard.coef, one.guard.powers)
     n_columns = one.guard.powers.shape[1]
     wide = np.pad(powers, ((0, 0), (0, n_columns - powers.shape[1])))
@@ -116,6 +121,8 @@ def _add_transition(
     body: ElementTree.Element, one: Transition, guard: str, assigned: list[str]
 ) -> None:
     ends = {"source": str(one.source + 1), "target": str(one.target + 1)}
+    if not isinstance(one.guard, PolynomialGuard):
+        ends["asap"] = "true"
     element = ElementTree.SubElement(body, "transition", ends)
     ElementTree.SubElement(element, "guard").text = guard
     if assigned:
@@ -136,63 +143,12 @@ def _assigned(one: Transition, states: list[str], clocks: list[str]) -> list[str
 
 def clocks_used(transitions: Sequence[Transition]) -> list[str]:
     """The clocks that occur in a guard."""
+    powers = [part.powers for one in transitions for part in one.guard.conditions]
     return [
         name
         for column, name in zip((-2, -1), CLOCKS, strict=True)
-        if any(one.guard.powers[:, column].any() for one in transitions)
+        if any(own[:, column].any() for own in powers)
     ]
-
-
-def spaceex_settings(
-    automaton: AutomatonParts,
-    component: str,
-    x0: ArrayLike | None,
-    t: ArrayLike | None,
-    mode: int | None,
-) -> str:
-    """How a model is run: the start, the horizon, the step, and what is drawn.
-
-    What is not given is that of the first recorded state where there is one. What is not known
-    either is named in a comment.
-    """
-    first = None if x0 is None else state("x0", x0, automaton.n_states)
-    times = None if t is None else column("t", t)
-    whole("mode", mode, least=0, most=automaton.n_modes - 1, also=(None,))
-    recorded = automaton.first_modes
-    if first is None and recorded is not None:
-        first = recorded.states[0, : automaton.n_states]
-        mode = int(recorded.modes[0]) if mode is None else mode
-    comments = [
-        f"# {what} is not known to the automaton: put yours here, or give {argument} to to_spaceex"
-        for what, argument, value in (
-            ("the state at the start", "x0", first),
-            ("the mode at the start", "mode", mode if automaton.n_modes > 1 else 0),
-            ("the horizon", "t", times),
-        )
-        if value is None
-    ]
-    names = identifiers(automaton.feature_map.names_in)[: automaton.n_states]
-    first = np.zeros(len(names)) if first is None else first
-    times = np.linspace(0.0, 10.0, 1001) if times is None else times
-    clocks = clocks_used(automaton.transitions)
-    start = dict(zip(names, first.tolist(), strict=True))
-    start.update({name: float(times[0]) if name == "time" else 0.0 for name in clocks})
-    initially = " & ".join(
-        [f"loc()==mode{mode or 0}", *(f"{name}=={value!r}" for name, value in start.items())]
-    )
-    told = {
-        "system": identifiers([component])[0],
-        "initially": initially,
-        "scenario": "simulation",
-        "sampling-time": f"{np.median(np.diff(times)):.12g}",
-        "time-horizon": repr(float(times[-1] - times[0])),
-        "iter-max": "1000",
-        "output-variables": ", ".join(start),
-        "output-format": "GEN",
-        "rel-err": "1.0e-9",
-        "abs-err": "1.0e-12",
-    }
-    return "\n".join([*comments, *(f'{key} = "{value}"' for key, value in told.items()), ""])
 
 
 def expression(coef: Array, powers: NDArray[np.intp], names: Sequence[str]) -> str:

@@ -28,6 +28,13 @@ class Location:
     name: str
     flow: tuple[str, ...]
     invariant: tuple[str, ...]
+    #: Where each instance is, by its name; by none where there is one.
+    places: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def moving(self) -> set[str]:
+        """Names whose rates it tells."""
+        return {part.partition("'")[0].strip() for part in self.flow if "'" in part}
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,26 @@ class Component:
         """The names of a kind."""
         return [name for name, own in self.kinds.items() if own == kind]
 
+    def moves(self, name: str) -> bool:
+        """Whether a flow moves a name, or an assignment sets it."""
+        sets = (_NAME.match(part) for edge in self.edges for part in edge.assignment)
+        moving = (location.moving for location in self.locations)
+        return any(one and one[0] == name for one in sets) or any(name in own for own in moving)
+
+    def states_named(self) -> set[str]:
+        """Names that a flow moves, that an assignment sets or reads, or that a guard asks."""
+        told = (part for edge in self.edges for part in (*edge.guard, *edge.assignment))
+        moving = (location.moving for location in self.locations)
+        return set().union(*map(_NAME.findall, told), *moving)
+
+    def without(self, condition: str) -> Component:
+        """The same without one of the conditions of its invariants."""
+        locations = [
+            replace(one, invariant=tuple(part for part in one.invariant if part != condition))
+            for one in self.locations
+        ]
+        return replace(self, locations=locations)
+
     def rewritten(
         self, texts: Mapping[str, str], kinds: dict[str, str], local: set[str]
     ) -> Component:
@@ -70,7 +97,7 @@ class Component:
             )
 
         locations = [
-            Location(one.name, new(one.flow), new(one.invariant)) for one in self.locations
+            replace(one, flow=new(one.flow), invariant=new(one.invariant)) for one in self.locations
         ]
         edges = [
             replace(
@@ -156,7 +183,8 @@ def _component_of(element: ElementTree.Element, kinds: dict[str, str], locations
     found = Component(kinds, _local(element), note=note.strip())
     for one in locations:
         flow, invariant = conditions(one, "flow"), conditions(one, "invariant")
-        found.locations.append(Location(one.get("name") or one.get("id", ""), flow, invariant))
+        name = one.get("name") or one.get("id", "")
+        found.locations.append(Location(name, flow, invariant, (("", name),)))
     for one in _children(element, "transition"):
         source, target = places.get(one.get("source")), places.get(one.get("target"))
         if source is None or target is None:
@@ -214,7 +242,14 @@ def _bound(part: Component, bind: ElementTree.Element, outer: Mapping[str, str])
             # of several names that are mapped onto one, one may be the state
             kinds[text] = "state" if kinds.get(text) == "state" else kind
 
-    return part.rewritten(texts, kinds, set(kinds) - set(outer))
+    found = part.rewritten(texts, kinds, set(kinds) - set(outer))
+    found.locations = [
+        replace(
+            one, places=tuple((f"{instance}.{inner}".rstrip("."), at) for inner, at in one.places)
+        )
+        for one in found.locations
+    ]
+    return found
 
 
 def _meaning(
@@ -256,7 +291,8 @@ def _composed(one: Component, other: Component) -> Component:
     for a in one.locations:
         for b in other.locations:
             name = f"{a.name}_{b.name}"
-            found.locations.append(Location(name, a.flow + b.flow, a.invariant + b.invariant))
+            both = a.flow + b.flow, a.invariant + b.invariant, a.places + b.places
+            found.locations.append(Location(name, *both))
     for edge in one.edges:
         if other.kinds.get(edge.label) != "label":
             _check_owner(edge, other)
@@ -289,9 +325,10 @@ def _composed(one: Component, other: Component) -> Component:
 
 def _check_owner(edge: Edge, other: Component) -> None:
     """Refuse a transition that sets a variable which an instance that stays lets flow."""
+    moving = {name for location in other.locations for name in location.moving}
     for one in edge.assignment:
         name = (_NAME.match(one) or [""])[0]
-        if other.kinds.get(name) == "state":
+        if name in moving:
             raise refusal(f"a transition sets {name}, which another instance controls")
 
 

@@ -9,18 +9,30 @@ ends, and where a transition leads the invariant holds.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
 
 from swsysid._automaton.columns import CLOCKS
+from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.polynomial_text import read_inequality, read_polynomial
 from swsysid._automaton.polynomials import Polynomial, follows, negative, rate, substituted
 from swsysid._automaton.spaceex import MEANING, identifiers
-from swsysid._automaton.spaceex_network import Component, Edge, read_component, refusal
+from swsysid._automaton.spaceex_network import (
+    Component,
+    Edge,
+    Location,
+    read_component,
+    refusal,
+)
+from swsysid._automaton.spaceex_settings import read_settings
 from swsysid._checks.parameters import shown
 
 _ASSIGNED = re.compile(r"(\w+)\s*('?)\s*(:=|==|=)\s*(.+)", re.DOTALL)
 _CHAIN = re.compile(r"(<=|>=|<|>)")
+_MOST_SIDES = 40  # conditions known of a place, at which no further case is told apart
 
 
 @dataclass
@@ -29,25 +41,40 @@ class SpaceexModel:
 
     states: list[str]
     inputs: list[str]
+    parameters: dict[str, float]
+    first_modes: FirstModes | None = None
     laws: list[dict[str, str]] = field(default_factory=list)
     transitions: list[tuple[int, int, str, dict[str, str]]] = field(default_factory=list)
 
 
 def read_spaceex(
-    content: bytes, parameters: Mapping[str, float], component: str | None, urgent: bool
+    path: str | Path,
+    given: Mapping[str, float],
+    component: str | None,
+    settings: str | Path | None,
+    urgent: bool,
 ) -> SpaceexModel:
     """The texts of a model; what an automaton here cannot be is refused in one sentence.
 
-    With `urgent` its guards alone decide: transitions are taken where they first may be, and a
-    state goes on beyond an invariant that no guard ends.
+    Constants have the values that are `given`, or those of its settings. With `urgent` its guards
+    alone decide: transitions are taken where they first may be, and a state goes on beyond an
+    invariant that no guard ends.
     """
-    read = read_component(content, component)
-    _check_constants(read.of_kind("constant"), parameters)
+    beside = Path(path).with_suffix(".cfg") if settings is None else Path(settings)
+    is_told = settings is not None or beside.is_file()
+    told = read_settings(beside.read_text(encoding="utf-8", errors="replace") if is_told else "")
+    read = read_component(Path(path).read_bytes(), component or told.system)
+    constants = read.of_kind("constant")
+    parameters = told.constants(constants, given)
+    _check_constants(constants, parameters)
     written_here = read.note == MEANING
     if not written_here:
-        read = _clocks_renamed(read)
-    model = SpaceexModel(read.of_kind("state"), read.of_kind("input"))
-    model.laws = [_assignments(one.flow, "flow") for one in read.locations]
+        read = _with_inputs(_without_outputs(_clocks_renamed(read)))
+    model = SpaceexModel(read.of_kind("state"), read.of_kind("input"), parameters)
+    start, mode = told.start(model.states), _first_mode(read, told.locations)
+    if start is not None and mode is not None:
+        model.first_modes = FirstModes(np.array([start]), np.array([mode]))
+    model.laws = [_law(one, model.states) for one in read.locations]
     resets = [_assignments(one.assignment, "assignment") for one in read.edges]
     if written_here:
         _set_clocks_apart(model, resets)
@@ -66,6 +93,16 @@ def read_spaceex(
     if not written_here:
         checks.is_determined()
     return model
+
+
+def _first_mode(read: Component, told: Mapping[str, str]) -> int | None:
+    """The only location in which all instances are where they are told to start."""
+
+    def starts(location: Location) -> bool:
+        return all(at == told.get(instance, at) for instance, at in location.places)
+
+    possible = [place for place, one in enumerate(read.locations) if told and starts(one)]
+    return possible[0] if len(possible) == 1 else None
 
 
 def _check_constants(constants: list[str], parameters: Mapping[str, float]) -> None:
@@ -99,6 +136,27 @@ def _clocks_renamed(read: Component) -> Component:
     return read.rewritten(names, kinds, read.local)
 
 
+def _without_outputs(read: Component) -> Component:
+    """Names that all invariants define by an equation, and no flow, become what defines them."""
+    equations = [set(location.invariant) for location in read.locations]
+    for condition in set.intersection(*equations):
+        name, equal, value = (part.strip() for part in condition.partition("=="))
+        if equal and name in read.of_kind("state") and not read.moves(name):
+            kinds = {other: kind for other, kind in read.kinds.items() if other != name}
+            texts = {name: f"({value})"}
+            read = read.rewritten(texts, kinds, read.local).without(f"({value}) == {value}")
+            return _without_outputs(read)
+    return read
+
+
+def _with_inputs(read: Component) -> Component:
+    """Names that nothing moves and no transition knows may go any way: they are inputs."""
+    named = read.states_named()
+    for name in read.of_kind("state"):
+        read.kinds[name] = "state" if name in named else "input"
+    return read
+
+
 def _set_clocks_apart(model: SpaceexModel, resets: list[dict[str, str]]) -> None:
     """Take states that run as the clocks of guards do for these clocks."""
     for clock in CLOCKS:
@@ -111,13 +169,25 @@ def _set_clocks_apart(model: SpaceexModel, resets: list[dict[str, str]]) -> None
                 texts.pop(clock, None)
 
 
+def _law(location: Location, states: Sequence[str]) -> dict[str, str]:
+    """The rates of all states in a location."""
+    if "false" in location.flow:
+        raise refusal(f"no time passes in location {location.name}, and modes here last")
+    told = _assignments(location.flow, "flow")
+    open_ones = [name for name in states if name not in told]
+    if open_ones:
+        raise refusal(f"location {location.name} does not say how {open_ones[0]} moves")
+    return told
+
+
 def _assignments(parts: tuple[str, ...], where: str) -> dict[str, str]:
     """The values of names in conditions ``x' == value``, or ``x := value``."""
     told: dict[str, str] = {}
     for part in parts:
         match = _ASSIGNED.fullmatch(part)
-        # without a prime or := it is a condition on what is there
-        if match is None or re.search(r"[<>=']", match[4]) or not (match[2] or match[3] == ":="):
+        # without a prime or := or, in an assignment, = it is a condition on what is there
+        sets = match and (match[2] or match[3] == ":=" or (match[3], where) == ("=", "assignment"))
+        if match is None or not sets or re.search(r"[<>=']", match[4]):
             raise refusal(f"{shown(part)}, of the {where}, is no equation for one variable")
         if match[1] in told:
             raise refusal(f"one {where} has two equations for {match[1]}")
@@ -141,7 +211,7 @@ class _Checks:
             [self._positive(one) for part in location.invariant for one in _pairs(part)]
             for location in read.locations
         ]
-        self.guards: list[Polynomial] = []
+        self.guards: list[list[Polynomial]] = []  # what must not be negative
 
     @property
     def _clocks(self) -> range:
@@ -164,9 +234,10 @@ class _Checks:
         return found
 
     def guard(self, edge: Edge) -> str:
-        """The condition of a guard that is the last to become true.
+        """The conditions of a guard that are the last to become true; "" if there are none.
 
-        The others hold where it rises to zero, and it goes no further, or they hold there too.
+        A single one where the others hold as it rises to zero, and it goes no further or they hold
+        there too; else all that do not follow from the others and the invariant.
         """
         told = [one for part in edge.guard for one in _pairs(self._one_sided(part, edge.source))]
         read, inside = [self._positive(one) for one in told], self.invariants[edge.source]
@@ -175,12 +246,18 @@ class _Checks:
             ends = follows(negative(guard), (), inside)
             zero, beyond = ([guard], []) if ends else ([], [guard])
             if all(follows(one, zero, [*beyond, *known]) for one in read):
-                self.guards.append(guard)
+                self.guards.append([guard])
                 return text
-        raise refusal(
-            f"the guard {shown(' & '.join(edge.guard))} is not a single condition, as transitions "
-            "here have"
-        )
+        kept = list(range(len(read)))
+        for place in range(len(read)):
+            others = [read[k] for k in kept if k != place]
+            if follows(read[place], (), [*others, *inside]):
+                kept.remove(place)
+        if not kept:
+            where = self.read.locations[edge.source].name
+            raise refusal(f"a transition out of location {where} may be taken at any time")
+        self.guards.append([read[place] for place in kept])
+        return " & ".join(told[place] for place in kept)
 
     def _one_sided(self, condition: str, source: int) -> str:
         """An equation as the inequality that is left of it within the invariant."""
@@ -190,7 +267,10 @@ class _Checks:
         for relation, other in (("<=", ">="), (">=", "<=")):
             if follows(self._positive(f"{left}{other}{right}"), (), self.invariants[source]):
                 return f"{left}{relation}{right}"
-        return condition
+        raise refusal(
+            f"the guard {shown(condition)} is an equation, and no invariant tells from which side "
+            "it is reached"
+        )
 
     def _rising(self, guard: Polynomial, source: int) -> list[Polynomial]:
         """What is not negative where a guard rises: its time derivative."""
@@ -211,7 +291,7 @@ class _Checks:
                 changes = rate(one, self.rates[place])
                 if changes is not None and follows(changes, [one], known):
                     continue  # it never ends
-                if not any(follows(guard, [one], known) for guard in out):
+                if not _covered(out, [one], known):
                     raise refusal(
                         f"the invariant {shown(' & '.join(location.invariant))} of location "
                         f"{location.name} ends where no guard of its location begins; give "
@@ -221,7 +301,8 @@ class _Checks:
     def is_forced(self, number: int, edge: Edge) -> None:
         """Refuse a transition that may be taken and need not."""
         inside = self.invariants[edge.source]
-        if not (edge.at_once or follows(negative(self.guards[number]), (), inside)):
+        ends = any(follows(negative(one), (), inside) for one in self.guards[number])
+        if not (edge.at_once or ends):
             raise refusal(
                 f"the transition with the guard {shown(' & '.join(edge.guard))} may be taken or "
                 "not, as no invariant ends where it begins; give urgent=True to take it at once"
@@ -231,8 +312,9 @@ class _Checks:
         """Refuse two transitions out of one location that begin at one place."""
         for number, (edge, guard) in enumerate(zip(self.read.edges, self.guards, strict=True)):
             for other, rival in zip(self.read.edges[:number], self.guards[:number], strict=True):
-                same = edge.source == other.source
-                if same and follows(guard, (), [rival]) and follows(rival, (), [guard]):
+                both = ((guard, rival), (rival, guard))
+                same = all(follows(one, (), known) for told, known in both for one in told)
+                if same and edge.source == other.source:
                     raise refusal(
                         f"two transitions out of location {self.read.locations[edge.source].name} "
                         "begin at one place, and nothing tells which is taken"
@@ -242,14 +324,37 @@ class _Checks:
         """Refuse a transition that leads to where its target's invariant may not hold."""
         guard, inside = self.guards[number], self.invariants[edge.source]
         reset = self._columns_of(_assignments(edge.assignment, "assignment"))
-        known = [*self._rising(guard, edge.source), *inside]
+        # a guard of one condition is zero where it is taken; of several only the last is
+        zero, known = (
+            (guard, self._rising(guard[0], edge.source)) if len(guard) == 1 else ([], guard)
+        )
         for one in self.invariants[edge.target]:
-            if not follows(substituted(one, reset), [guard], known):
+            if not follows(substituted(one, reset), zero, [*known, *inside]):
                 raise refusal(
                     f"the invariant of location {self.read.locations[edge.target].name} need not "
                     f"hold where the transition with the guard {shown(' & '.join(edge.guard))} "
                     "leads; give urgent=True if it is taken nevertheless"
                 )
+
+
+def _covered(
+    guards: Sequence[Sequence[Polynomial]], zero: list[Polynomial], known: list[Polynomial]
+) -> bool:
+    """Whether one guard or another holds wherever others are zero, or not negative.
+
+    Where a condition is undecided, both of its sides are looked at.
+    """
+    if any(all(follows(one, zero, known) for one in guard) for guard in guards):
+        return True
+    some = next(iter(known or zero), None)
+    if some is None or follows({(0,) * len(next(iter(some))): -1.0}, zero, known):
+        return some is not None  # nothing is there
+    for guard in guards:
+        for one in guard:
+            sides = one, negative(one)
+            if len(known) < _MOST_SIDES and not any(follows(side, zero, known) for side in sides):
+                return all(_covered(guards, zero, [*known, side]) for side in sides)
+    return False
 
 
 def _pairs(condition: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -9,11 +10,19 @@ from numpy.typing import ArrayLike
 
 from swsysid._automaton.columns import CLOCKS, lagged_names, other_names
 from swsysid._automaton.polynomial_text import Polynomial, read_inequality, read_polynomial
-from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton.transitions import (
+    AffineReset,
+    Guard,
+    PolynomialGuard,
+    Transition,
+    guard_of,
+)
 from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import names_of_columns, real, shown
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
+
+_JOINED = re.compile(r"\s+and\s+|&&?")
 
 Expression = str | float
 StatedLaws = Sequence[Mapping[str, Expression]] | ArrayLike
@@ -96,15 +105,19 @@ class Statement:
                 f"transitions[{number}] has the reset {shown(reset)}; give a dict from states to "
                 'affine functions, such as {"v": "-0.8 v"}, an AffineReset, or None.'
             )
-        if not isinstance(guard, PolynomialGuard):
+        if not isinstance(guard, Guard):
             guard = self._guard(guard)
         return Transition(source, target, guard, reset)
 
-    def _guard(self, condition: str) -> PolynomialGuard:
-        columns = [*self.columns, *CLOCKS]
-        told = read_inequality(condition, columns, self.constants)
-        powers = np.array(list(told), dtype=np.intp).reshape(len(told), len(columns))
-        return PolynomialGuard(np.array(list(told.values())), powers)
+    def _guard(self, condition: str) -> Guard:
+        """That of inequalities that are joined by ``and`` or ``&``."""
+        columns, conditions = [*self.columns, *CLOCKS], []
+        parts = _JOINED.split(condition) if isinstance(condition, str) else [condition]
+        for part in parts:
+            told = read_inequality(part, columns, self.constants)
+            powers = np.array(list(told), dtype=np.intp).reshape(len(told), len(columns))
+            conditions.append(PolynomialGuard(np.array(list(told.values())), powers))
+        return guard_of(conditions)
 
     def _reset(self, number: int, told: Mapping[str, Expression]) -> AffineReset:
         """An affine map of the newest state, or of the lagged one if it takes part."""

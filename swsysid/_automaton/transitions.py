@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -59,6 +60,11 @@ class PolynomialGuard:
         """The terms whose sum is the value at one row of columns, (n_monomials,)."""
         return self._monomials.at(point) * self.coef
 
+    @property
+    def conditions(self) -> tuple[PolynomialGuard, ...]:
+        """Itself: the one polynomial that is not negative where the guard holds."""
+        return (self,)
+
     @cached_property
     def _monomials(self) -> Monomials:
         return Monomials(self.powers)
@@ -73,6 +79,61 @@ class PolynomialGuard:
             lower[:, column] -= 1
             derivatives[column] = self.coef[kept] * self.powers[kept, column], Monomials(lower)
         return derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class ConjunctiveGuard:
+    """Several polynomials; its transition is taken where the last of them rises to zero.
+
+    The guard is the least of its conditions: it holds where all are not negative.
+
+    Attributes
+    ----------
+    conditions : tuple of PolynomialGuard
+        At least two, of the same columns.
+
+    Examples
+    --------
+    A valve lets a tank drain through a side outlet, above x = 1 and while y is negative:
+
+    >>> import numpy as np
+    >>> from swsysid.results import ConjunctiveGuard, PolynomialGuard
+    >>> above = PolynomialGuard(np.array([1.0, -1.0]), np.array([[1, 0, 0, 0], [0, 0, 0, 0]]))
+    >>> below = PolynomialGuard(np.array([-1.0]), np.array([[0, 1, 0, 0]]))
+    >>> guard = ConjunctiveGuard((above, below))
+    >>> guard.values(np.array([[2.0, -3.0, 0, 0], [2.0, 3.0, 0, 0], [0.5, -3.0, 0, 0]])) >= 0.0
+    array([ True, False, False])
+    """
+
+    conditions: tuple[PolynomialGuard, ...]
+
+    def values(self, columns: Array) -> Array:
+        """Values at rows of columns, (n_rows, n_columns + 2) -> (n_rows,)."""
+        return np.asarray(np.min([one.values(columns) for one in self.conditions], axis=0))
+
+    def at(self, point: Array) -> float:
+        """The value at one row of columns, (n_columns + 2,)."""
+        return min(one.at(point) for one in self.conditions)
+
+    def gradient(self, point: Array) -> Array:
+        """The derivatives by the columns at one row of them, (n_columns + 2,)."""
+        return self._last(point).gradient(point)
+
+    def terms(self, point: Array) -> Array:
+        """The terms whose sum is the value at one row of columns."""
+        return self._last(point).terms(point)
+
+    def _last(self, point: Array) -> PolynomialGuard:
+        """The condition that is least at a row: the last to become true."""
+        return min(self.conditions, key=lambda one: one.at(point))
+
+
+Guard = PolynomialGuard | ConjunctiveGuard
+
+
+def guard_of(conditions: Sequence[PolynomialGuard]) -> Guard:
+    """The guard that holds where all conditions do."""
+    return conditions[0] if len(conditions) == 1 else ConjunctiveGuard(tuple(conditions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +172,7 @@ class Transition:
     ----------
     source, target : int
         The modes before and after; the same one for a jump within a mode.
-    guard : PolynomialGuard
+    guard : PolynomialGuard or ConjunctiveGuard
         Taken where it rises to zero.
     reset : AffineReset or None
         What becomes of the state; None where it goes on.
@@ -121,7 +182,7 @@ class Transition:
 
     source: int
     target: int
-    guard: PolynomialGuard
+    guard: Guard
     reset: AffineReset | None = None
     support: int = 0
 
@@ -148,14 +209,16 @@ def check_transition(
             f"{which} leads from mode {transition.source} to mode {transition.target}; the modes "
             f"are numbered from 0 to {n_modes - 1}."
         )
-    guard, reset = transition.guard, transition.reset
-    if guard.powers.shape != (len(guard.coef), n_columns + 2):
-        raise ValueError(
-            f"the guard of {which} has {len(guard.coef)} coefficients and powers of shape "
-            f"{guard.powers.shape}; give ({len(guard.coef)}, {n_columns + 2}): the columns of the "
-            "laws, dwell and time."
-        )
-    numbers = [guard.coef] if reset is None else [guard.coef, reset.matrix, reset.offset]
+    reset = transition.reset
+    for guard in transition.guard.conditions:
+        if guard.powers.shape != (len(guard.coef), n_columns + 2):
+            raise ValueError(
+                f"the guard of {which} has {len(guard.coef)} coefficients and powers of shape "
+                f"{guard.powers.shape}; give ({len(guard.coef)}, {n_columns + 2}): the columns of "
+                "the laws, dwell and time."
+            )
+    numbers = [one.coef for one in transition.guard.conditions]
+    numbers += [] if reset is None else [reset.matrix, reset.offset]
     if not all(np.isfinite(values).all() for values in numbers):
         raise ValueError(f"{which} holds NaN or infinity; give finite numbers.")
     sizes = {(size, size) for size in state_sizes}

@@ -141,7 +141,7 @@ def automaton_of(
         Transition(
             int(names[one.source]),
             int(names[one.target]),
-            one.guard.guard,
+            one.guard.whole,
             one.reset.reset if one.jumps and one.reset is not None else None,
             len(one),
         )

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton.transitions import Guard, PolynomialGuard
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import known_rows
 from swsysid._results import Array
@@ -39,8 +39,22 @@ class Certificate(NamedTuple):
 UNKNOWN = Certificate(np.nan, np.nan)
 
 
-def certificate(guard: PolynomialGuard, below: Array, last: Array, reached: Array) -> Certificate:
-    """That of a guard, with columns inside its mode and on both sides of its switches."""
+def certificate(guard: Guard, below: Array, last: Array, reached: Array) -> Certificate:
+    """That of a guard, with columns inside its mode and on both sides of its switches.
+
+    Of several conditions the least one, each with the rows at which it does not hold.
+    """
+    if isinstance(guard, PolynomialGuard):
+        return _of_condition(guard, below, last, reached)
+    each = []
+    for one in guard.conditions:
+        waits = one.values(last) < 0.0
+        inside = below[one.values(below) < 0.0]
+        each.append(_of_condition(one, inside, last[waits], reached[waits]))
+    return min(each, key=lambda one: np.nan_to_num(one.margin, nan=np.inf))
+
+
+def _of_condition(guard: PolynomialGuard, below: Array, last: Array, reached: Array) -> Certificate:
     below, both = known_rows(guard, below), known_rows(guard, np.hstack([last, reached]))
     last, reached = np.split(both, 2, axis=1)
     if not len(reached):
@@ -64,7 +78,7 @@ def certificates(told: Told, given: Given, laws: Laws) -> list[Certificate]:
               enumerate(told.modes)]  # fmt: skip
     return [
         UNKNOWN if one.guard is None else certificate(
-            one.guard.guard,
+            one.guard.whole,
             np.vstack([rows[own == one.source]
                        for rows, own in zip(inside, told.modes, strict=True)]),
             *_around(one, told, given, laws, entered),

@@ -276,8 +276,10 @@ def _shared_exits(
 
     def rises(one: FoundTransition, other: FoundTransition) -> float:
         assert one.guard is not None, "only guards are compared"
-        missed = missed_by(one.guard.guard, *crossed[other.source, other.target])
-        return float(np.mean(np.abs(missed) <= SETTINGS.near * recordings.interval))
+        columns, rates = crossed[other.source, other.target]
+        missed = np.abs(missed_by(one.guard.guard, columns, rates))
+        near = missed <= SETTINGS.near * recordings.interval
+        return float(np.mean(near & one.guard.goes_with(columns)))
 
     return shared_exits(
         [one.transition for one in found],

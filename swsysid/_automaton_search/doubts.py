@@ -136,8 +136,8 @@ def shared_exits(
         if apart is not None:
             name, low, level = apart
             which = (
-                f"{name} tells which (mode {ways[0 if low else 1]} below {level:.3g}), but a guard "
-                "here is one condition: give a column that is both, or raise guard_degree."
+                f"{name} may tell which (mode {ways[0 if low else 1]} below {level:.3g}), but so "
+                "few switches agree by chance too: record more of them, from other states."
             )
         yield (
             f"Mode {source} is left for mode {ways[0]} and for mode {ways[1]} where the same guard "

@@ -6,10 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.model import HybridAutomaton
-from swsysid._automaton.transitions import AffineReset, PolynomialGuard, Transition
+from swsysid._automaton.transitions import (
+    AffineReset,
+    PolynomialGuard,
+    Transition,
+    guard_of,
+)
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.joint import Joint
@@ -85,7 +91,7 @@ def errors_elsewhere(
     """
     guards, resets = [], []
     for one, guard, reset in zip(automaton.transitions, errors.guards, errors.resets, strict=True):
-        _, change = _moved_guard(one.guard, origin)
+        change = block_diag(*(_moved_guard(part, origin)[1] for part in one.guard.conditions))
         guards.append(np.sqrt(np.square(guard) @ np.square(change)))
         if reset is not None:
             own = origin.offset[: len(reset)]
@@ -105,7 +111,8 @@ def _transition(one: Transition, origin: Origin) -> Transition:
     if reset is not None:
         own = origin.offset[: len(reset.offset)]
         reset = AffineReset(reset.matrix, reset.offset + own - reset.matrix @ own)
-    return replace(one, guard=_moved_guard(one.guard, origin)[0], reset=reset)
+    parts = [guard_elsewhere(origin, part) for part in one.guard.conditions]
+    return replace(one, guard=guard_of(parts), reset=reset)
 
 
 def _moved_guard(guard: PolynomialGuard, origin: Origin) -> tuple[PolynomialGuard, Array]:

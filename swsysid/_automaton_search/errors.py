@@ -45,7 +45,7 @@ class AutomatonErrors:
         for one in automaton.transitions:
             own = places[int(order[one.source]), int(order[one.target])]
             assert own.guard is not None, "a transition of the automaton has a guard"
-            guards.append(own.guard.errors)
+            guards.append(own.guard.all_errors)
             resets.append(None if one.reset is None or own.reset is None else own.reset.errors)
         return cls(coef[order], tuple(guards), tuple(resets))
 
@@ -73,7 +73,12 @@ class AutomatonErrors:
     def _transitions(self, automaton: HybridAutomaton) -> list[str]:
         columns, lines = automaton.guard_columns, []
         for one, guard, reset in zip(automaton.transitions, self.guards, self.resets, strict=True):
-            where = _guard(one.guard, guard, columns, uniform=automaton.discrete_time)
+            conditions = one.guard.conditions
+            ends = np.cumsum([len(part.coef) for part in conditions])[:-1]
+            where = " and ".join(
+                _guard(part, errors, columns, uniform=automaton.discrete_time)
+                for part, errors in zip(conditions, np.split(guard, ends), strict=True)
+            )
             then = _resets(one.reset, reset, columns)
             line = f"mode {one.source} -> {one.target} where {where}"
             lines.append(f"{line}: {', '.join(then)}" if then else line)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from swsysid._automaton.transitions import AffineReset, PolynomialGuard
+from swsysid._automaton.transitions import AffineReset, Guard, PolynomialGuard, guard_of
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
@@ -26,6 +26,22 @@ class FoundGuard:
     errors: Array = field(default_factory=lambda: np.zeros(0))
     beyond: int = 0  # samples of its mode that lie on the wrong side
     rivals: tuple[FoundGuard, ...] = ()  # of other columns, that tell the same switches
+    also: tuple[FoundGuard, ...] = ()  # conditions that hold besides where it rises
+
+    @property
+    def whole(self) -> Guard:
+        """The guard with all of its conditions."""
+        return guard_of([self.guard, *(one.guard for one in self.also)])
+
+    def goes_with(self, columns: Array) -> NDArray[np.bool_]:
+        """Rows at which all conditions hold that must do so besides."""
+        besides = [one.guard.values(columns) >= 0.0 for one in self.also]
+        return np.all([np.ones(len(columns), dtype=bool), *besides], axis=0)
+
+    @property
+    def all_errors(self) -> Array:
+        """Standard errors of the coefficients of all conditions."""
+        return np.concatenate([self.errors, *(one.errors for one in self.also)])
 
     def turned(self, sign: float, missed: Callable[[FoundGuard], Array]) -> FoundGuard:
         """That of one way, of a surface that is crossed both ways; so are its rivals."""

@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_search.conditions import Exits
 from swsysid._automaton_search.found import FoundTransition
 from swsysid._discrete_stays.identify import DiscreteStays
 from swsysid._results import Array
@@ -175,6 +176,18 @@ class ModeRows:
         """Columns at the rows of a mode."""
         return self.columns[(self.modes == mode) & ~self.stays.straddling]
 
+    def exits(self, mode: int) -> Exits:
+        """The stays in a mode, with the row at which each is left."""
+        inside = (self.modes == mode) & ~self.stays.straddling
+        number = np.cumsum(self._entered | self.stays.rows.begins)
+        left = {int(number[at - 1]): k for k, at in enumerate(self.taken.rows.tolist())}
+        stays, targets = [], []
+        for stay in np.unique(number[inside]).tolist():
+            rows, k = self.columns[inside & (number == stay)], left.get(stay)
+            stays.append(rows if k is None else np.vstack([rows, self.taken.given[k]]))
+            targets.append(-1 if k is None else self.taken.target[k])
+        return Exits(stays, np.array(targets, dtype=np.intp))
+
     def with_ends(
         self, found: Sequence[FoundTransition]
     ) -> tuple[list[NDArray[np.intp]], list[FoundTransition]]:
@@ -187,7 +200,7 @@ class ModeRows:
         for k, columns in self._ends():
             source = modes[k][-1]
             taken = [place for place, one in enumerate(ended) if one.source == source
-                     and one.guard is not None and one.guard.guard.at(columns) >= 0.0]  # fmt: skip
+                     and one.guard is not None and one.guard.whole.at(columns) >= 0.0]  # fmt: skip
             if taken:
                 one = ended[taken[0]]
                 modes[k][-1] = one.target

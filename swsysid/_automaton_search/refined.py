@@ -100,8 +100,9 @@ def _errors(
     for one in after.automaton.transitions:
         place = places[int(order[one.source]), int(order[one.target])]
         guard = of_guards[place]
-        assert guard is not None, "a transition of the automaton has a guard"
-        guards.append(guard)
+        own = found[place].guard
+        assert guard is not None and own is not None, "a transition of the automaton has a guard"
+        guards.append(np.concatenate([guard, *(part.errors for part in own.also)]))
         resets.append(None if one.reset is None else of_resets[place])
     return coef[order], tuple(guards), tuple(resets)
 

@@ -20,6 +20,7 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import UNKNOWN, Certificate, certificate
+from swsysid._automaton_search.conditions import with_second
 from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.found import FoundReset, FoundTransition
@@ -153,7 +154,7 @@ def _shared_exits(made: _Made) -> Iterator[str]:
 
     def rises(one: FoundTransition, other: FoundTransition) -> float:
         assert one.guard is not None, "only guards are compared"
-        return float(np.mean(one.guard.guard.values(given(other)) >= 0.0))
+        return float(np.mean(one.guard.whole.values(given(other)) >= 0.0))
 
     names = np.argsort(made.order).tolist()
     return shared_exits(made.found, rises, given, names, made.automaton.guard_columns)
@@ -165,7 +166,7 @@ def _agreeing(rows: ModeRows, degree: int) -> tuple[ModeRows, list[FoundTransiti
     before = -np.inf
     for turn in range(_TURNS_OF_MODES):
         guards = [
-            KnownGuard(one.source, one.target, one.guard.guard, 1.0 / (len(one) + 1.0))
+            KnownGuard(one.source, one.target, one.guard.whole, 1.0 / (len(one) + 1.0))
             for one in found
             if one.guard is not None and not one.jumps
         ]
@@ -197,6 +198,10 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
         if i < j and (j, i) in found:
             both = found[i, j], found[j, i]
             found[i, j], found[j, i] = _of_one_surface(rows, taken, both, degree)
+    for (source, target), one in found.items():
+        if one.guard is not None and one.is_one:
+            guard = with_second(one.guard, rows.exits(source), target, degree)
+            found[source, target] = replace(one, guard=guard)
     return [one for one in found.values() if one.is_one]
 
 
@@ -206,7 +211,7 @@ def _certificate(one: FoundTransition, rows: ModeRows) -> Certificate:
         return UNKNOWN
     taken = rows.taken
     own = taken.take((_pairs_of(taken) == (one.source, one.target)).all(axis=1))
-    return certificate(one.guard.guard, rows.inside(one.source), own.last, own.given)
+    return certificate(one.guard.whole, rows.inside(one.source), own.last, own.given)
 
 
 def _pairs_of(taken: Taken) -> NDArray[np.intp]:

@@ -12,8 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from swsysid._automaton_search.conditions import with_teller
 from swsysid._automaton_search.guards import GuardTerms, missed_by, surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
+from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
@@ -61,7 +63,26 @@ def _settled(
         if source < target and (target, source) in found:
             both = found[source, target], found[target, source]
             found[source, target], found[target, source] = _of_one_surface(*both, known)
-    return list(found.values())
+    return _with_tellers(list(found.values()), known)
+
+
+def _with_tellers(found: list[Settled], known: Known) -> list[Settled]:
+    """Guards that rise where their mode is left for another one, with what tells the two apart."""
+    crossed = [one.switches.before(known.laws) for one in found]
+    told = []
+    for one, (reached, _) in zip(found, crossed, strict=True):
+        never = [reached[:0]]
+        for other, (columns, rates) in zip(found, crossed, strict=True):
+            exits = one.pair[0] == other.pair[0] and one.pair[1] != other.pair[1]
+            if one.guard is not None and exits:
+                missed = missed_by(one.guard.guard, columns, rates)
+                missed = missed[np.isfinite(missed)]
+                if len(missed) and np.mean(np.abs(missed) <= SETTINGS.near * known.interval) > 0.5:
+                    never.append(columns)
+        rows = np.vstack(never)
+        guard = one.guard and with_teller(one.guard, rows, reached, known.terms.degree)
+        told.append(replace(one, guard=guard))
+    return told
 
 
 def _of_one_surface(there: Settled, back: Settled, known: Known) -> tuple[Settled, Settled]:
@@ -130,8 +151,9 @@ def _forestalling(
         same = often.pair[0] == rare.pair[0]
         more = len(often.switches) >= _MORE_OFTEN * len(rare.switches)
         if same and more and often.guard is not None and often.guard.tells(interval):
-            passed = missed_by(often.guard.guard, *rare.switches.before(laws))
-            known = passed[np.isfinite(passed)]
+            columns, rates = rare.switches.before(laws)
+            passed = missed_by(often.guard.guard, columns, rates)
+            known = passed[np.isfinite(passed) & often.guard.goes_with(columns)]
             if len(known) and np.mean(known > -_ABOUT_TO * interval) > 0.5:
                 return often
     return None

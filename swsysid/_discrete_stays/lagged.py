@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
-from swsysid._automaton.transitions import PolynomialGuard
+from swsysid._automaton.transitions import Guard
 from swsysid._data.recordings import Record
 from swsysid._results import Array
 
@@ -136,13 +136,14 @@ class KnownGuard:
 
     source: int
     target: int
-    guard: PolynomialGuard
+    guard: Guard
     width: float  # by how much its zero may be off, in units of its values
 
     @property
     def reads_clocks(self) -> bool:
         """True if it is of dwell or time, which no row knows."""
-        return bool(self.guard.powers[:, -len(CLOCKS) :].any())
+        conditions = self.guard.conditions
+        return any(one.powers[:, -len(CLOCKS) :].any() for one in conditions)
 
     def values(self, columns: Array) -> Array:
         """Values at rows of columns without clocks."""

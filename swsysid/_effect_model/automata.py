@@ -20,7 +20,7 @@ from sklearn.base import clone
 
 from swsysid._automaton.equations import transition_equation
 from swsysid._automaton.model import HybridAutomaton
-from swsysid._automaton.transitions import PolynomialGuard, Transition
+from swsysid._automaton.transitions import PolynomialGuard, Transition, guard_of
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._data.features import FeatureMap
 from swsysid._data.records import Records, next_states
@@ -181,7 +181,7 @@ class AutomatonLaws(FittedLaws):
 
 
 def _has_clock(transition: Transition) -> bool:
-    return bool(transition.guard.powers[:, -2:].any())
+    return any(one.powers[:, -2:].any() for one in transition.guard.conditions)
 
 
 def _filled(modes: Modes, trajectories: Sequence[NDArray[np.intp]]) -> Modes:
@@ -232,5 +232,6 @@ def _columns(added: Array) -> Array:
 
 def _among(one: Transition, n_kept: int) -> Transition:
     """The same of the first columns and the clocks."""
-    guard = one.guard
-    return replace(one, guard=PolynomialGuard(guard.coef, guard.powers[:, np.r_[:n_kept, -2:0]]))
+    kept = np.r_[:n_kept, -2:0]
+    parts = [PolynomialGuard(part.coef, part.powers[:, kept]) for part in one.guard.conditions]
+    return replace(one, guard=guard_of(parts))

@@ -91,10 +91,10 @@ def test_two_exits_at_one_guard_are_said_and_what_tells_them_apart():
             x, y = x + laws[mode][0], 0.984 * y + laws[mode][1]
         data.append({"t": np.arange(400), "x": np.array(rows)})
     found = discrete(data, n_modes=3)
-    assert found.score(data) < 0.5  # a guard of one condition cannot do it
+    assert found.score(data) < 0.5  # eleven exits are too few for a second condition
     assert FINE not in str(found.report_)
     assert "where the same guard rises" in str(found.report_)
-    assert re.search(r"x1\[k\] tells which|x1 tells which", str(found.report_))
+    assert re.search(r"x1\[k\] may tell which", str(found.report_))
     assert not found.report_.rollouts.holds
 
 

@@ -1,0 +1,154 @@
+r"""What must hold besides where a guard rises: guards of two conditions.
+
+Of a guard :math:`\min(f, g)` each row at which the transition is not taken has one of both below
+zero, and both are not below zero where it is taken. Given which of them it is, each is a margin
+program of its own (`margins`); given both, it is the one that is further below. The two are taken
+in turn, from the two thresholds of single columns that leave the fewest rows.
+
+Rows at which a transition is not taken are those of its mode, and those at which the mode was left
+for another one: where two exits share a surface, a second condition tells which is taken. A second
+condition must tell the ends of more stays than it has coefficients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swsysid._automaton.transitions import Guard, PolynomialGuard
+from swsysid._automaton_search.few_columns import known
+from swsysid._automaton_search.found import FoundGuard
+from swsysid._automaton_search.margins import Sides, guard_with_margin
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._results import Array
+
+_TURNS = 4
+
+
+@dataclass(frozen=True)
+class Exits:
+    """Stays in one mode, by the mode that they are left for; -1 where a recording ends.
+
+    The rows of a stay are those of its mode, and then the one at which it is left.
+    """
+
+    stays: list[Array]  # (n_rows, n_columns) each
+    targets: NDArray[np.intp]  # (n_stays,)
+
+    def rows(self, target: int) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Where a transition is not taken, which of these another one leaves; where it is taken."""
+        own = self.targets == target
+        never = [rows[:-1] if mine else rows for rows, mine in zip(self.stays, own, strict=True)]
+        ends = [np.zeros(len(rows), dtype=bool) for rows in never]
+        for end, by in zip(ends, self.targets, strict=True):
+            end[-1:] = by not in (target, -1)
+        reached = [rows[-1] for rows, mine in zip(self.stays, own, strict=True) if mine]
+        return np.vstack(never), np.concatenate(ends), np.array(reached)
+
+    def nats(self, guard: Guard, target: int) -> float:
+        """What a guard leaves unsaid, and its coefficients, each of which may say as much.
+
+        A stay that it does not end where it ends, to a row, costs what an end at random does; of
+        stays that another transition ends, it is open which.
+        """
+        wrong, taken, random = 0, 0, float(np.log(np.mean([len(rows) for rows in self.stays])))
+        for rows, by in zip(self.stays, self.targets, strict=True):
+            risen, last = np.flatnonzero(holds(guard, rows)), len(rows) - 1
+            first = int(risen[0]) if len(risen) else len(rows)
+            wrong += not last - 1 <= first <= last if by == target else first < last
+            taken += first == last and by != target
+        exits = int(np.count_nonzero(self.targets >= 0))
+        coefficients = sum(np.count_nonzero(one.coef) - 1 for one in guard.conditions)
+        return random * (wrong + coefficients) + of_exits(min(taken, exits), exits)
+
+
+def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> FoundGuard:
+    """The guard, or one of two conditions that leaves less unsaid."""
+    never, ends, reached = exits.rows(target)
+    if not holds(found.guard, never).any():
+        return found
+    best, least = found, exits.nats(found.guard, target) - _of_side(never) - SETTINGS.better
+    left = _corner(never, reached)
+    for _ in range(_TURNS):
+        if not left.any() or left.all():
+            break
+        first = told_apart(never[~left], reached, degree)
+        # a row of another exit that the first condition tells may be one that the second does too
+        seconds = [told_apart(never[own], reached, degree) for own in (left | ends, left)]
+        second = min((one for one in seconds if one), key=lambda one: one.cost, default=None)
+        if first is None or second is None:
+            break
+        both = replace(first, also=(second,))
+        nats = exits.nats(both.whole, target)
+        if nats < least:
+            best, least = both, nats
+        of_both = [_scaled(one.guard, never, reached) for one in (first, second)]
+        before, left = left, of_both[1] < of_both[0]
+        if np.array_equal(before, left):
+            break
+    return best
+
+
+def _corner(never: Array, reached: Array) -> NDArray[np.bool_]:
+    """Rows that the first of the two thresholds leaves which leave the fewest rows together.
+
+    Each is the least value of a column, or of minus it, where the transition is taken.
+    """
+    signed, values = (np.hstack([rows, -rows]) for rows in (never, reached))
+    known_columns = np.isfinite(values).all(axis=0)
+    holds_each = signed[:, known_columns] >= values[:, known_columns].min(axis=0)
+    together = holds_each.T.astype(float) @ holds_each
+    first, second = np.unravel_index(np.argmin(together), together.shape)
+    # the first is the one that leaves fewer rows by itself
+    first, second = sorted((first, second), key=lambda one: together[one, one])
+    return np.asarray(holds_each[:, first])
+
+
+def with_teller(found: FoundGuard, never: Array, reached: Array, degree: int) -> FoundGuard:
+    """The guard, with what tells rows at which it rises and its transition is not taken."""
+    second = told_apart(never, reached, degree) if len(never) else None
+    if second is None:
+        return found
+    told = second.cost + of_exits(*_wrong(second.guard, never, reached)) + _of_side(reached)
+    before = of_exits(len(never), len(never) + len(reached))
+    return replace(found, also=(second,)) if told < before - SETTINGS.better else found
+
+
+def of_exits(wrong: int, every: int) -> float:
+    """Nats of which of all switches are the wrong ones."""
+    return float(np.log(comb(every, wrong)))
+
+
+def _of_side(columns: Array) -> float:
+    """Nats of which side of which column tells: by chance one of them tells a single switch."""
+    return float(np.log(2.0 * columns.shape[1]))
+
+
+def _wrong(guard: Guard, others: Array, reached: Array) -> tuple[int, int]:
+    """Switches that a guard takes or leaves wrongly, and all."""
+    wrong = holds(guard, others).sum() + (~holds(guard, reached)).sum()
+    return int(wrong), len(others) + len(reached)
+
+
+def told_apart(never: Array, reached: Array, degree: int) -> FoundGuard | None:
+    """The condition that is below zero at some rows and not at those where its guard is taken."""
+    before = never[np.resize(np.arange(len(never)), len(reached))]
+    return guard_with_margin(Sides(never, reached, before, reached), degree)
+
+
+def holds(guard: Guard, rows: Array) -> NDArray[np.bool_]:
+    """Rows at which a guard is known and not negative."""
+    used = np.any([one.powers.any(axis=0) for one in guard.conditions], axis=0)
+    seen = known(rows, np.flatnonzero(used))
+    holds = np.zeros(len(rows), dtype=bool)
+    holds[seen] = guard.values(rows[seen]) >= 0.0
+    return holds
+
+
+def _scaled(guard: PolynomialGuard, rows: Array, reached: Array) -> Array:
+    """Values in units of what the guard is where it is taken; of rows not known, what is most."""
+    size = np.nanmean(np.abs(guard.values(reached)))
+    return np.nan_to_num(guard.values(rows) / (size or 1.0), nan=np.inf)

@@ -1,0 +1,122 @@
+"""Guards of two conditions, in rows and in samples, and which exit of two is taken."""
+
+import numpy as np
+import pytest
+
+from swsysid import HybridAutomaton, HybridAutomatonRegressor
+from swsysid._automaton_search.conditions import Exits
+from swsysid.results import PolynomialGuard
+
+TURN = (
+    f"{np.cos(0.035):.15f} w + {np.sin(0.035):.15f} z",
+    (f"{np.cos(0.035):.15f} z - {np.sin(0.035):.15f} w"),
+)  # an oscillator that turns a valve
+
+
+def _rows(*levels):
+    """A level that rises and falls, by steps of a map, beside the valve."""
+    return [{"x": level, "w": TURN[0], "z": TURN[1]} for level in levels]
+
+
+VALVE = HybridAutomaton.stated(
+    _rows("0.975 x + 0.05", "0.985 x - 0.035"),
+    [(0, 1, "x >= 1 & w <= 0.2"), (1, 0, "x <= 0")],
+    states=["x", "w", "z"],
+    discrete_time=True,
+)
+TWO_EXITS = HybridAutomaton.stated(
+    [
+        {"x": rate, "w": "0.7 z", "z": "-0.7 w"} for rate in ("1", "-0.7", "-1.5")
+    ],
+    [(0, 1, "x >= 1 & w >= 0.1"), (0, 2, "x >= 1 & w <= 0.1"), (1, 0, "x <= 0"),
+     (2, 0, "x <= -0.1")],
+    states=["x", "w", "z"],
+)  # fmt: skip
+
+
+def _recordings(plant, t, noise, count, seed=0):
+    generator, found = np.random.default_rng(seed), []
+    for _ in range(count):
+        start = np.append(generator.uniform(0.0, 0.9), generator.uniform(-1.0, 1.0, 2))
+        run = plant.simulate(start, t, mode=0)
+        sizes = noise * run.x.std(axis=0)
+        found.append((run, {"t": t, "x": run.x + sizes * generator.normal(size=run.x.shape)}))
+    return found
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_one_exit_of_two_conditions(noise):
+    """Either may be the last to hold: the level while the valve is open, or the valve."""
+    made = _recordings(VALVE, np.arange(500), noise, 5)
+    found = HybridAutomatonRegressor(2, discrete_time=True, random_state=0)
+    found.fit([one for _, one in made[:4]])
+    up, down = found.automaton_.transitions
+    assert (up.source, down.source) == (0, 1)
+    x, w = sorted(up.guard.conditions, key=lambda one: np.flatnonzero(one.powers.any(axis=0))[0])
+    # thresholds are known to where the rows lie: less than two steps of .03
+    assert _threshold(x, 0) == pytest.approx(1.0, abs=0.01)
+    assert _threshold(w, 1) == pytest.approx(0.2, abs=0.01)
+    run, _ = made[4]
+    own = found.simulate(run.x[0], np.arange(500.0), mode=0)
+    # each of its 13 switches may be one row off, where a row lies between the known ones
+    assert np.mean(own.modes == run.modes) > 1.0 - 13.5 / 500
+    assert "guards tell all switches" in str(found.report_)
+
+
+def _threshold(condition, column):
+    """Where a condition of one column is zero."""
+    used = np.flatnonzero(condition.powers.any(axis=0))
+    assert used.tolist() == [column]
+    constant = condition.coef[~condition.powers.any(axis=1)].sum()
+    return -constant / condition.coef[condition.powers[:, column] == 1].sum()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_what_tells_two_exits_of_one_surface(noise):
+    made = _recordings(TWO_EXITS, np.arange(500) * 0.02, noise, 7, seed=1)
+    found = HybridAutomatonRegressor(3, random_state=0).fit([one for _, one in made[:6]])
+    names = np.array([np.argmin(np.abs(found.coef_[:, 0, 0] - rate)) for rate in (1, -0.7, -1.5)])
+    out = {one.target: one.guard for one in found.automaton_.transitions if one.source == names[0]}
+    for target, sign in ((names[1], 1.0), (names[2], -1.0)):
+        x, w = out[target].conditions
+        assert _threshold(x, 0) == pytest.approx(1.0, abs=1e-6 + noise)
+        # about thirty crossings lie .07 apart in the mean
+        assert _threshold(w, 1) == pytest.approx(0.1, abs=0.15)
+        assert sign * w.coef[w.powers[:, 1] == 1].sum() > 0.0
+    assert not [line for line in found.report_.doubts if "is left for mode" in line]
+    run, _ = made[6]
+    own = found.simulate(run.x[0], run.t, mode=int(names[0]))
+    assert np.mean(own.modes == names[run.modes]) > 0.9
+
+
+def test_exits_that_nothing_tells_apart_are_said():
+    """The exit is drawn by lot: no column may be made to tell it."""
+    generator, recordings = np.random.default_rng(3), []
+    for _ in range(6):
+        x, mode, rows = generator.uniform(0.0, 0.9), 0, []
+        w = generator.normal(size=300)
+        for k in range(300):
+            rows.append([x, w[k]])
+            if mode == 0 and x >= 1.0:
+                mode = 1 + generator.integers(2)
+            elif mode and x <= 0.0:
+                mode = 0
+            x += (0.05, -0.035, -0.075)[mode]
+        recordings.append({"t": np.arange(300), "x": np.array(rows)[:, :1],
+                           "inputs": np.array(rows)[:, 1:]})  # fmt: skip
+    found = HybridAutomatonRegressor(3, discrete_time=True, random_state=0).fit(recordings)
+    assert all(len(one.guard.conditions) == 1 for one in found.automaton_.transitions)
+    assert "nothing that was recorded tells which" in str(found.report_)
+
+
+def test_nats_of_ends_that_a_guard_leaves_unsaid():
+    """Three stays of four rows, by hand: one ends rightly, one too early, one for another mode."""
+    guard = PolynomialGuard(np.array([1.0, -1.0]), np.array([[1, 0, 0], [0, 0, 0]]))  # x >= 1
+    stays = [np.column_stack([x, np.arange(4.0), np.arange(4.0)]) for x in
+             ([0.0, 0.3, 0.6, 1.0], [0.0, 1.2, 0.8, 1.1], [0.0, 0.3, 0.9, 1.3])]  # fmt: skip
+    exits = Exits(stays, np.array([1, 1, 2]))
+    # one coefficient beside the scale, one wrong end, and which of three exits is not its own
+    assert exits.nats(guard, 1) == pytest.approx(np.log(4.0) * 2 + np.log(3.0), rel=1e-12)
+    never, ends, reached = exits.rows(1)
+    assert len(never) == 10 and ends.tolist() == [False] * 9 + [True]
+    assert reached[:, 0].tolist() == [1.0, 1.1]
