@@ -16,8 +16,7 @@ from swsysid._automaton.rollouts import roll_out
 from swsysid._automaton.spaceex import spaceex_model
 from swsysid._automaton.spaceex_reading import read_spaceex
 from swsysid._automaton.spaceex_settings import spaceex_settings
-from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement, constants_of
-from swsysid._checks.parameters import flag
+from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
 from swsysid._results import Trajectory
 from swsysid._simulation.model import law_equations
 from swsysid._whole_or_nothing import write_text, written_beside
@@ -70,9 +69,9 @@ class HybridAutomaton(AutomatonParts):
             `feature_library`.
         transitions : list of tuple
             (source, target, guard) or (source, target, guard, reset), or `Transition` objects. A
-            guard is one inequality, such as ``"T >= 22"``, in states, inputs, ``dwell`` (time since
-            the mode was entered) and ``time``; a reset is a dict from states to affine functions
-            of the states, such as ``{"v": "-0.8 v"}``, and leaves the other states alone.
+            guard has inequalities, such as ``"T >= 22"`` or ``"x >= 1 and y < 0"``, in states,
+            inputs, ``dwell`` (time since the mode was entered) and ``time``; a reset is a dict from
+            states to affine functions of them, ``{"v": "-0.8 v"}``; other states go on.
         states, inputs : sequence of str
             Names of the states and of the inputs.
         feature_library : None, int, transformer or PySINDy library, default=None
@@ -272,14 +271,12 @@ class HybridAutomaton(AutomatonParts):
     ) -> HybridAutomaton:
         """The automaton of a SpaceEx model that `to_spaceex` wrote, or of one that means the same.
 
-        Networks are resolved: templates get the names and numbers of their binds, and instances
-        run side by side, a mode for each combination of their locations. Flows are polynomials,
-        assignments affine, and guards polynomial inequalities.
-
-        SpaceEx transitions may be taken while their guard holds and must be taken where the
-        invariant ends; here they are taken where their guard rises to zero. A model is read where
-        that is the same: every invariant ends where a guard begins, or never; no guard begins
-        earlier; and where a transition leads, the invariant holds. Anything else is refused.
+        Networks are resolved: a mode for each combination of the locations of their instances.
+        Flows are polynomials, assignments affine, and guards polynomial inequalities. SpaceEx
+        transitions may be taken while their guard holds and must be where the invariant ends; here
+        they are taken where their guard rises to zero. A model is read where that is the same:
+        every invariant ends where a guard begins, or never; no guard begins earlier; and where a
+        transition leads, the invariant holds. Anything else is refused.
 
         Parameters
         ----------
@@ -287,11 +284,9 @@ class HybridAutomaton(AutomatonParts):
         parameters : dict of str to float, default=None
             Values of the constants that the model leaves open, before those of the settings.
         component : str, default=None
-            The component that is the system; None is that of the settings, or the one that is no
-            part of another one.
+            The system; None is that of the settings, or the one that is no part of another one.
         settings : str or path, default=None
-            The ``.cfg`` that says how the model is run: its component, its constants and the mode
-            in which a rollout starts. None is the one of the same name, where there is one.
+            The ``.cfg``: component, constants, first mode. None is the one of the model's name.
         urgent : bool, default=False
             True lets the guards alone decide: transitions are taken as soon as they may be, and
             invariants are left out.
@@ -321,8 +316,7 @@ class HybridAutomaton(AutomatonParts):
         >>> HybridAutomaton.from_spaceex(path).equations() == ball.equations()
         True
         """
-        named = path, constants_of(parameters), component, settings
-        model = read_spaceex(*named, flag("urgent", urgent))
+        model = read_spaceex(path, parameters, component, settings, urgent)
         stated = cls.stated(
             model.laws,
             model.transitions,

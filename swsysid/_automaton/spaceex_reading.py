@@ -28,7 +28,8 @@ from swsysid._automaton.spaceex_network import (
     refusal,
 )
 from swsysid._automaton.spaceex_settings import read_settings
-from swsysid._checks.parameters import shown
+from swsysid._automaton.stating import constants_of
+from swsysid._checks.parameters import flag, shown
 
 _ASSIGNED = re.compile(r"(\w+)\s*('?)\s*(:=|==|=)\s*(.+)", re.DOTALL)
 _CHAIN = re.compile(r"(<=|>=|<|>)")
@@ -49,14 +50,14 @@ class SpaceexModel:
 
 def read_spaceex(
     path: str | Path,
-    given: Mapping[str, float],
+    parameters: Mapping[str, float] | None,
     component: str | None,
     settings: str | Path | None,
     urgent: bool,
 ) -> SpaceexModel:
     """The texts of a model; what an automaton here cannot be is refused in one sentence.
 
-    Constants have the values that are `given`, or those of its settings. With `urgent` its guards
+    Constants have the values that `parameters` give, or those of its settings. With `urgent` guards
     alone decide: transitions are taken where they first may be, and a state goes on beyond an
     invariant that no guard ends.
     """
@@ -65,12 +66,12 @@ def read_spaceex(
     told = read_settings(beside.read_text(encoding="utf-8", errors="replace") if is_told else "")
     read = read_component(Path(path).read_bytes(), component or told.system)
     constants = read.of_kind("constant")
-    parameters = told.constants(constants, given)
-    _check_constants(constants, parameters)
+    values = told.constants(constants, constants_of(parameters))
+    _check_constants(constants, values)
     written_here = read.note == MEANING
     if not written_here:
         read = _with_inputs(_without_outputs(_clocks_renamed(read)))
-    model = SpaceexModel(read.of_kind("state"), read.of_kind("input"), parameters)
+    model = SpaceexModel(read.of_kind("state"), read.of_kind("input"), values)
     start, mode = told.start(model.states), _first_mode(read, told.locations)
     if start is not None and mode is not None:
         model.first_modes = FirstModes(np.array([start]), np.array([mode]))
@@ -80,11 +81,11 @@ def read_spaceex(
         _set_clocks_apart(model, resets)
     if not model.states:
         raise refusal("nothing in it moves")
-    checks = _Checks(model, read, parameters)
+    checks = _Checks(model, read, values)
     for edge, reset in zip(read.edges, resets, strict=True):
         guard = checks.guard(edge)
         model.transitions.append((edge.source, edge.target, guard, reset))
-    if not urgent:
+    if not flag("urgent", urgent):
         checks.invariants_end()
         for number, edge in enumerate(read.edges):
             checks.is_forced(number, edge)
