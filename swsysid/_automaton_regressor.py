@@ -23,6 +23,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
 from swsysid._stays.given import Given, read_given
+from swsysid._stays.input_holds import hold_sentences, holds_of
 from swsysid._stays.search import check_order
 from swsysid._stays.settings import StaySettings
 from swsysid._trajectory_identifier import TrajectoryIdentifier
@@ -87,6 +88,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
         In continuous time with noise: refine laws, guards and resets together at last, by multiple
         shooting through events and jumps. It is left out where rollouts of the recordings become
         worse.
+    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+        What the inputs, or each of them, do between two samples, as of `TrajectoryIdentifier`. In
+        discrete time every row acts.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.
@@ -110,6 +114,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
         What the laws leave of the measured states: noise of the sensor.
     equation_noise_ : ndarray of shape (n_states,) or None
         In discrete time, where samples are not exact: noise in the equation, a sample.
+    input_holds_ : tuple of str
+        What each input does between two samples; nothing in discrete time.
     coef_errors_ : ndarray of the shape of ``coef_``
         Standard errors of the laws: 0 where fixed, infinite where the recordings tell nothing.
     guard_errors_ : tuple of ndarray
@@ -186,6 +192,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
         max_modes=6,
         n_jobs=None,
         refine=True,
+        input_hold="auto",
         random_state=None,
         verbose=0,
     ):
@@ -199,6 +206,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
         self.max_modes = max_modes
         self.n_jobs = n_jobs
         self.refine = refine
+        self.input_hold = input_hold
         self.random_state = random_state
         self.verbose = verbose
 
@@ -218,7 +226,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
         groups : array-like of shape (n_samples,), default=None
             Recording of each row. None is one recording, or several where the times begin anew.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Linear between the samples; they jump at an event.
+            Known at the samples; they jump at an event. `input_hold` says what they do in between.
 
         Returns
         -------
@@ -248,38 +256,34 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
             raise ValueError(
                 "t repeats times, and in discrete time every row is a step; give one row for each."
             )
+        if discrete and self.input_hold != "auto":
+            raise ValueError("input_hold is for continuous time; in discrete time every row acts.")
+        estimator, known = self._estimator(), (self.input_hold, self.settings)
+        holds = () if discrete else holds_of(given, estimator, order, *known)
+        held = given.stepped(holds)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
             if discrete:
                 found = sampled.identified(
-                    given,
-                    lags=self.lags,
-                    library=self.feature_library,
-                    n_modes=self.n_modes,
-                    max_modes=whole("max_modes", self.max_modes),
-                    degree=degree,
-                )
+                    given, lags=self.lags, library=self.feature_library, n_modes=self.n_modes,
+                    max_modes=whole("max_modes", self.max_modes), degree=degree,
+                )  # fmt: skip
             else:
+                terms = GuardTerms(degree, self.unguarded_inputs)
                 found = continuous.identified(
-                    self._estimator(),
-                    given,
-                    GuardTerms(degree, self.unguarded_inputs),
-                    self.settings,
-                    bar.update,
-                    order=order,
-                    refine=refine,
+                    estimator, held, terms, self.settings, bar.update, order=order, refine=refine
                 )
-        self._store(found, given)
+        self.input_holds_ = tuple(map(str, holds))
+        self._store(found, held)
         self._keep(given)
         return self
 
     def simulate(self, x0, t, inputs=None, *, mode=None, **options):
         """Roll the automaton out; as `HybridAutomaton.simulate`.
 
-        Inputs are linear between their samples, as in `fit`.
+        Inputs keep their value until the next sample if all of them did so in `fit`; else they are
+        linear between their samples.
         """
-        return self._fitted.simulate(
-            x0, t, inputs, mode=mode, **({"input_hold": "linear"} | options)
-        )
+        return self._fitted.simulate(x0, t, inputs, mode=mode, **self._with_hold(options))
 
     @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):
@@ -306,7 +310,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
                 f"x has {given.n_channels} columns and the model has {wanted} measured states; "
                 "give these, in their order."
             )
-        return rollout_score(automaton, given)
+        return rollout_score(automaton, self._stepped(given))
 
     def equations(self, precision=3, format="text"):
         """Laws and transitions as text or LaTeX; as `HybridAutomaton.equations`."""
@@ -344,16 +348,18 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
 
         def fitted(rows, n_modes, whole, **options):
             again = clone(self).set_params(n_modes=n_modes, lags=lags, verbose=0, **options)
-            return again.fit(*given.data(rows))
+            return again.set_params(input_hold=self._holds or "auto").fit(*given.data(rows))
 
         def law(rows, n_modes, whole, **options):
             laws = self._estimator().set_params(n_modes=1, coupling="auto", **options)
-            identifier = TrajectoryIdentifier(laws, order=self.order, refine=whole)
+            known = {"order": self.order, "input_hold": self._holds}
+            identifier = TrajectoryIdentifier(laws, refine=whole, **known)
             return identifier.fit(*given.data(rows))
 
         is_map = self.discrete_time
-        laws = None if is_map else HeldOutTrajectories(given, split, law, self.order)
-        held_out = HeldOutAutomata(given, split, fitted, self, laws)
+        stepped = self._stepped(given)
+        laws = None if is_map else HeldOutTrajectories(stepped, split, law, self.order)
+        held_out = HeldOutAutomata(stepped, split, fitted, self, laws)
         return Asked(held_out, self.feature_library, self.n_modes, AUTOMATON)
 
     def _check_lags(self, discrete: bool) -> None:
@@ -380,7 +386,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
         self.coef_errors_ = found.errors.coef
         self.guard_errors_, self.reset_errors_ = found.errors.guards, found.errors.resets
         self.equation_noise_ = None if found.noises is None else found.noises.equation
-        self.report_ = AutomatonReport.of(found, self.n_modes, self.max_modes)
+        held = hold_sentences(found.automaton.feature_map.names_in, self.input_holds_, given)
+        self.report_ = AutomatonReport.of(
+            found, self.n_modes, self.max_modes, given.n_samples, held
+        )
         if told := untold_switches(found):
             warnings.warn(told, GuardWarning, stacklevel=4)
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
-from swsysid._data.recordings import Hold
+from swsysid._data.many_recordings import many_recordings
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
-from swsysid._stays.certainty import certainty
+from swsysid._stays.certainty import Certainty, certainty
+from swsysid._stays.condensed import Total, length_of, of_all
 from swsysid._stays.given import Given, read_given, warn_of_turns
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.input_holds import with_steps
+from swsysid._stays.input_holds import hold_sentences, holds_of
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
 from swsysid._stays.recording_report import reported
@@ -28,6 +31,8 @@ from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
 from swsysid.refinement._rollout_score import rollout_score
+
+_OF_MANY = 20_000  # samples of many recordings with which the first rounds are made
 
 
 class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator):
@@ -62,6 +67,10 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         Whole recordings are rolled out from one start. False ties every sample to the one before
         within 0.4 of the noise, and judges rollouts over stretches of some 30 samples: for chaotic
         systems, whose longer rollouts mean nothing.
+    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+        What the inputs, or each of them, do between two samples: they go on a line, keep their
+        value until the next one, or step at an instant that is estimated. ``"auto"`` takes what is
+        clearly likeliest; ``"linear"`` where nothing steps.
     n_jobs : int, default=None
         Given to `estimator`, whose starts run side by side; the answer is the same for any.
     random_state : int, RandomState instance or None, default=None
@@ -85,8 +94,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
     noise_ : ndarray of shape (n_channels,)
         Standard deviation of the noise of each column of x.
     input_holds_ : tuple of str
-        What each input does between two samples: ``"linear"`` on a line, ``"zero"`` it keeps its
-        value until the next one, ``"between"`` it steps at an instant that is estimated.
+        What each input does between two samples, as `input_hold`.
     coef_errors_ : ndarray of the shape of ``estimator_.coef_``
         Standard errors of the coefficients of the laws; 0 where fixed, infinite where the
         recordings tell nothing (rate and constant of a mode that rests).
@@ -150,6 +158,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         order=1,
         observed=None,
         refine=True,
+        input_hold="auto",
         n_jobs=None,
         random_state=None,
         verbose=0,
@@ -158,6 +167,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         self.order = order
         self.observed = observed
         self.refine = refine
+        self.input_hold = input_hold
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
@@ -171,16 +181,17 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         x : array-like of shape (n_samples, n_channels), or a list of recordings
             Measured states, NaN where a value is missing. A recording is a dict with ``t``, ``x``
             and, if there are any, ``inputs``; the other arguments are then left out. Or a list of
-            tables, with lists of times and inputs.
+            tables, with lists of times and inputs. Or many recordings, which are read where they
+            are worked on: a Dask bag of them, a list of delayed ones, or of functions without
+            arguments that read one or several. Then `states_`, `switch_time_errors_` and `verdict_`
+            are not known.
         t : array-like of shape (n_samples,), default=None
             Times, increasing within each recording; they may be uneven and differ in rate. Two
             rows at one time are the left and the right limit of an event.
         groups : array-like of shape (n_samples,), default=None
             Recording of each row. None is one recording, or several where the times begin anew.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Linear between the samples; they jump at an event. One that is constant by pieces keeps
-            its value until the next sample, or steps at an instant in between, if that is clearly
-            likelier (`input_holds_`).
+            Known at the samples; they jump at an event. `input_hold` says what they do in between.
 
         Returns
         -------
@@ -192,25 +203,35 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
             If a parameter or the data make no sense; the message says what to do.
         """
         order, estimator = check_order(self.order), check_estimator(self.estimator)
+        many = many_recordings(x, self.n_jobs)
+        if many is not None and any(one is not None for one in (t, groups, inputs)):
+            raise ValueError("recordings have times and inputs; leave out t, groups and inputs.")
+        if many is not None:
+            x = many.some(_OF_MANY, length_of)
         given = read_given(x, t, groups, inputs)
         warn_of_turns(given)
         pieces = between_jumps(given)
         settings = self.settings.joined(flag("refine", self.refine))
         estimator = seeded(estimator, self.random_state).set_params(n_jobs=self.n_jobs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
+            holds = holds_of(given, estimator, order, self.input_hold, settings)
             origin = Origin.of(given, estimator, order)
-            counted = origin.counted(pieces.given)
+            counted = origin.counted(pieces.given).stepped(holds)
             search = Search(estimator, counted, order, self.observed, settings, bar.update)
-            held = with_steps(search)
-            if held.given is not counted:
-                search = Search(
-                    estimator, held.given, order, self.observed, settings, bar.update,
-                    known=held.found,
-                )  # fmt: skip
-            found = origin.told(weighted(search.identified(), search, origin))
-        self._keep(given)
-        self.input_holds_ = tuple(map(str, held.holds))
-        self._store(found, search, origin, pieces)
+            found, total = search.identified(), None
+            if many is None:
+                found = weighted(found, search, origin)
+            else:
+                found, total = of_all(found, many, origin, holds, order, settings, bar.update)
+            found = origin.told(found)
+        self._keep(given if total is None else None)
+        self.input_holds_ = tuple(map(str, holds))
+        sure = certainty(found, origin)
+        if total is not None:
+            sure = total.sure(found, sure)
+        self._store(found, search, origin, pieces, sure)
+        if total is not None:
+            self._store_all(total)
         return self
 
     def predict(self, X):
@@ -227,9 +248,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         Inputs keep their value until the next sample if all of them did so in `fit`; else they are
         linear between their samples.
         """
-        fitted, held = self._fitted, {Hold.ROW} == set(self._holds)
-        hold = Hold.ROW if held else Hold.LINE
-        return fitted.simulate(x0, t, inputs, **({"input_hold": str(hold)} | options))
+        return self._fitted.simulate(x0, t, inputs, **self._with_hold(options))
 
     @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):
@@ -267,23 +286,19 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
 
         def fitted(rows, n_modes, whole, **options):
             asked = clone(estimator).set_params(n_modes=n_modes, **options)
-            again = clone(self).set_params(estimator=asked, refine=whole, verbose=0)
+            again = clone(self).set_params(
+                estimator=asked, refine=whole, input_hold=self.input_holds_, verbose=0
+            )
             return again.fit(*given.data(rows))
 
         held_out = HeldOutTrajectories(self._stepped(given), split, fitted, order)
         return Asked(held_out, estimator.feature_library, estimator.n_modes)
 
-    def _stepped(self, given: Given) -> Given:
-        """With the limits of inputs that keep their value until the next row."""
-        if given.n_inputs != len(self._holds):
-            return given
-        known = [Hold.ROW if one == Hold.ROW else Hold.LINE for one in self._holds]
-        return given.stepped(known)
-
     def _store(
-        self, found: StayIdentification, search: Search, origin: Origin, pieces: Pieces
-    ) -> None:
-        given, sure = search.given, certainty(found, origin)
+        self, found: StayIdentification, search: Search, origin: Origin, pieces: Pieces,
+        sure: Certainty,
+    ) -> None:  # fmt: skip
+        given = search.given
         recordings = found.estimate.nodes.recordings
         self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
         states = origin.states(recordings.joined(states_of(found.estimate)))
@@ -294,13 +309,24 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
-        holds = [Hold(one) for one in self.input_holds_]
-        self.report_ = reported(search, found, sure, self.modes_, origin, holds)
+        names = found.model.switching_model.feature_map.names_in
+        held = hold_sentences(names, self.input_holds_, given)
+        self.report_ = reported(search, found, sure, self.modes_, origin, held)
 
-    @property
-    def _holds(self) -> tuple[str, ...]:
-        """What inputs do between samples; of models that were saved before it was told, nothing."""
-        return vars(self).get("input_holds_", ())
+    def _store_all(self, total: Total) -> None:
+        """What all of many recordings say, of some of which everything else is known."""
+        del self.states_, self.switch_time_errors_
+        self.modes_ = np.concatenate([one.modes for one in total.parts])
+        self.switch_times_ = [one.switch_times for one in total.parts]
+        self.noise_ = total.noise[: len(self.noise_)]
+        self.report_ = replace(
+            self.report_,
+            n_recordings=len(total.parts),
+            n_samples=len(self.modes_),
+            n_switches=sum(map(len, self.switch_times_)),
+            shares=np.bincount(self.modes_, minlength=self.n_modes_) / len(self.modes_),
+            noise=self.noise_,
+        )
 
     @property
     def _fitted(self) -> SwitchingSystemRegressor:

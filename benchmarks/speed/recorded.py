@@ -2,11 +2,12 @@
 
     python benchmarks/speed/recorded.py --beside FOLDER [--plants "contact" ...] [--samples 500]
                                         [--recordings 12] [--noise .01] [--seed 4401] [--auto]
-                                        [--output FILE]
+                                        [--automata] [--output FILE]
 
 FOLDER holds another commit (``git worktree add FOLDER f96a6f0``). Both commits identify the same
 recordings in turn, each in a process of its own with one thread and without parallel starts; this
 file is run by its path, so that each process imports the plants and the package of its folder.
+With ``--automata`` the plants are those of benchmarks.automata (``--recordings 8 --samples 400``).
 Seconds are CPU seconds of the fit alone; a ratio is how many times as long the other one takes.
 """
 
@@ -28,10 +29,10 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure both sides plant by plant and print a line for each."""
     options = parse(arguments)
     if options.plant:
-        print(json.dumps(measured(options)))
+        print(json.dumps((automaton if options.automata else measured)(options)))
         return
     lines = []
-    for plant in options.plants or _plants():
+    for plant in options.plants or _plants(options.automata):
         sides = [_beside(folder, plant, options) for folder in (HERE, options.beside)]
         ours, other = sides
         lines.append({"plant": plant, "ours": ours, "other": other})
@@ -59,6 +60,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--noise", type=float, default=0.01, help="part of the spread of a state")
     parser.add_argument("--seed", type=int, default=4401, help="not one that was tuned on")
     parser.add_argument("--auto", action="store_true", help='n_modes="auto"')
+    parser.add_argument("--automata", action="store_true", help="hybrid automata")
     parser.add_argument("--output", help="file of the results")
     return parser.parse_args(arguments)
 
@@ -86,11 +88,39 @@ def measured(options: argparse.Namespace) -> dict[str, float]:
     return {"seconds": seconds, "accuracy": float(accuracy), "score": float(score)}
 
 
-def _plants() -> list[str]:
+def automaton(options: argparse.Namespace) -> dict[str, float]:
+    """The same of an automaton, its number of modes not told."""
+    from benchmarks.automata.plants import PLANTS
+    from benchmarks.automata.recordings import Scenario, record
+    from swsysid import HybridAutomatonRegressor
+    from swsysid.metrics import mode_accuracy
+
+    plant = PLANTS[options.plant]
+    scenario = Scenario(options.noise, options.recordings, options.samples)
+    seen, unseen = record(plant, scenario, options.seed), record(plant, scenario, options.seed + 1)
+    model = HybridAutomatonRegressor(
+        lags=plant.lags,
+        discrete_time=plant.is_map,
+        feature_library=plant.degree,
+        guard_degree=plant.guard_degree,
+        random_state=options.seed,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        begun = time.process_time()
+        found = model.fit(seen.x, seen.t, groups=seen.groups, inputs=seen.inputs)
+        seconds = time.process_time() - begun
+        score = found.score(unseen.x, unseen.t, groups=unseen.groups, inputs=unseen.inputs)
+    accuracy = mode_accuracy(seen.modes, found.modes_)
+    return {"seconds": seconds, "accuracy": float(accuracy), "score": float(score)}
+
+
+def _plants(automata: bool) -> list[str]:
     sys.path.insert(0, str(HERE))
+    from benchmarks.automata.plants import PLANTS as AUTOMATA
     from benchmarks.trajectories.plants import PLANTS
 
-    return list(PLANTS)
+    return list(AUTOMATA if automata else PLANTS)
 
 
 def _beside(folder: Path, plant: str, options: argparse.Namespace) -> dict[str, float]:
@@ -98,7 +128,7 @@ def _beside(folder: Path, plant: str, options: argparse.Namespace) -> dict[str, 
     command = [sys.executable, str(Path(__file__).resolve()), "--plant", plant]
     for name in ("samples", "recordings", "noise", "seed"):
         command += [f"--{name}", str(getattr(options, name))]
-    command += ["--auto"] * options.auto
+    command += ["--auto"] * options.auto + ["--automata"] * options.automata
     one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
         command,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,8 +70,14 @@ class AutomatonReport:
     excess: float | None = None
 
     @classmethod
-    def of(cls, found: IdentifiedAutomaton, asked: int | str, most: int) -> AutomatonReport:
-        """The report of an answer where `asked` modes were asked for, at `most` some."""
+    def of(
+        cls, found: IdentifiedAutomaton, asked: int | str, most: int, n_samples: int,
+        held: Iterable[str] = (),
+    ) -> AutomatonReport:  # fmt: skip
+        """The report of an answer where `asked` modes were asked for, at `most` some.
+
+        `held` is what inputs do between two samples.
+        """
         modes, automaton = np.concatenate(found.modes), found.automaton
         shares = np.bincount(modes, minlength=automaton.n_modes) / len(modes)
         untold = [told] if (told := untold_switches(found)) else []
@@ -95,11 +102,11 @@ class AutomatonReport:
             tuple(automaton.state_names),
             found.refinement,
             found.rollouts,
-            tuple(doubts_of(found, asked, most)),
+            (*doubts_of(found, asked, most), *held),
             " ".join(untold) or _judgement(found),
             imitates(found),
             len(found.modes),
-            len(modes),
+            n_samples,
             found.excess,
         )
 

@@ -123,8 +123,8 @@ def _add_recording(add: Callable) -> None:
         "--hold",
         **_NAMES | {"nargs": "*", "default": None},
         metavar="NAME",
-        help="inputs logged at times of their own that keep their value between these; others lie "
-        "on lines (default: those that change rarely and in steps)",
+        help="inputs that keep their value from one of their rows to the next; others lie on lines "
+        "(default: as the recordings say)",
     )
     add("--time", metavar="NAME", help="column of the times: numbers, or dates and clock times")
     add(

@@ -19,7 +19,7 @@ from swsysid._cli.samples import Samples, measure
 from swsysid._cli.saving import save_automaton
 from swsysid._cli.text import described
 from swsysid._results import SolverError
-from swsysid._stays.given import read_given
+from swsysid._stays.given import Given, read_given
 from swsysid._tables.table import Table, TableError
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid._verdict.comparison import hold_out
@@ -55,6 +55,7 @@ def automaton_of(
     identification = _Identification(samples, options)
     with own_warnings() as notes:
         found = identification.fitted(slice(None), options.modes)
+    identification.holds = found.input_holds_
     if not is_worth(found):
         return None
     trained = identification.trained()
@@ -89,6 +90,7 @@ class _Identification:
         self.split = hold_out(recorded.groups, options.test_fraction, options.random_state)
         everything = tuple(range(samples.X.shape[1]))
         self.terms = Terms(everything, options.library_degree, options.waves, *samples.angles)
+        self.holds = options.measurement.input_hold
 
     def trained(self) -> HybridAutomatonRegressor:
         """Of the training rows; the fit to all says the same."""
@@ -105,6 +107,7 @@ class _Identification:
             feature_library=self.terms.library(self.samples.X.shape[1]),
             guard_degree=wishes.surface_degree,
             sparsity=wishes.sparsity,
+            input_hold=self.holds,
             n_jobs=wishes.n_jobs,
             random_state=wishes.random_state,
             verbose=int(wishes.verbose),
@@ -113,7 +116,7 @@ class _Identification:
 
     def held_out(self, trained: HybridAutomatonRegressor) -> str:
         """How an automaton of the training rows rolls out the others."""
-        split, others = self.split, read_given(*self._data(self.split.test))
+        split, others = self.split, self._given(self.split.test)
         score = rollout_score(trained.automaton_, others)
         rollouts = judged_on(trained.automaton_, others, trained.noise_)
         what = "whole trajectories" if split.whole_groups else "the last stretch of each trajectory"
@@ -128,7 +131,7 @@ class _Identification:
         self, found: HybridAutomatonRegressor, trained: HybridAutomatonRegressor
     ) -> SwitchingVerdict:
         """Whether the modes that were found are to be believed."""
-        order, given = self.options.measurement.order, read_given(*self._data(slice(None)))
+        order, given = self.options.measurement.order, self._given(slice(None))
 
         def again(rows, n_modes: int | str, whole: bool, **options: object):
             same = n_modes == trained.n_modes_
@@ -136,7 +139,9 @@ class _Identification:
 
         def law(rows, n_modes: int | str, whole: bool, **options: object):
             asked = self.options.regressor(n_modes).set_params(verbose=0, **options)
-            identifier = TrajectoryIdentifier(asked, order=order, refine=whole)
+            identifier = TrajectoryIdentifier(
+                asked, order=order, refine=whole, input_hold=self.holds
+            )
             return identifier.fit(*self._data(rows))
 
         laws = HeldOutTrajectories(given, self.split, law, order)
@@ -144,6 +149,9 @@ class _Identification:
         judge, asked = Judge(held_out, self.terms), self.options.modes
         words = replace(COMMAND_LINE, memory="")
         return judge.verdict(found, judge.judged(found, asked), asked, words=words)
+
+    def _given(self, rows: NDArray[np.bool_] | slice) -> Given:
+        return read_given(*self._data(rows)).held(self.holds)
 
     def _data(self, rows: NDArray[np.bool_] | slice) -> tuple:
         return self.recorded.named(self.samples.names, rows)

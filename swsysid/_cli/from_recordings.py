@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._cli.input_holds import with_held_inputs
 from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
@@ -16,6 +15,8 @@ from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import SolverError
 from swsysid._stays.given import read_given
+from swsysid._stays.input_holds import holds_of
+from swsysid._stays.settings import StaySettings
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid._verdict.comparison import Split, Verdict, hold_out, relative_error
 from swsysid._verdict.held_out import HeldOutTrajectories
@@ -36,7 +37,6 @@ class FromRecordings:
     labels: list[object]  # of the trajectories
     split: Split  # of the rows of the recordings
     verdict: SwitchingVerdict
-    samples: Samples  # with the limits of inputs that keep their value
 
     @property
     def free(self) -> FreeRollouts:
@@ -74,7 +74,6 @@ def identify_recordings(
                 f"rollouts of more than {most:,} samples of these terms take long (--decimate "
                 f"{fewer} makes them fewer)."
             )
-        samples = with_held_inputs(samples, terms, options)
         return _Identification(samples, terms, options).found(), ""
     except (_Unfit, ValueError, SolverError) as reason:
         return None, f"Identified from derivatives: {reason}"
@@ -90,6 +89,11 @@ class _Identification:
         split = hold_out(recorded.groups, options.test_fraction, options.random_state)
         given = read_given(*recorded.named(samples.names, slice(None)))
         order, units = options.measurement.order, samples.units
+        library = terms.library(samples.X.shape[1])
+        regressor = options.regressor(options.modes, verbose=0, feature_library=library)
+        asked, settings = options.measurement.input_hold, StaySettings().joined(False)
+        self.holds = holds_of(given, regressor, order, asked, settings)
+        given = given.held(self.holds)
         self.held_out = HeldOutTrajectories(given, split, self._fitted, order, units)
         self.judge = Judge(self.held_out, terms)
 
@@ -119,7 +123,6 @@ class _Identification:
             self.recorded.labels,
             self.held_out.split,
             verdict,
-            self.samples,
         )
 
     def _of_several(self, n_modes: int | str) -> tuple[TrajectoryIdentifier, Judged]:
@@ -199,6 +202,7 @@ class _Identification:
             self.options.regressor(n_modes).set_params(verbose=0, **options),
             order=self.options.measurement.order,
             refine=whole,
+            input_hold=self.holds,
             n_jobs=self.options.n_jobs,
             verbose=int(self.options.verbose and not isinstance(rows, np.ndarray)),
         )

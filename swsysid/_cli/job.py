@@ -79,7 +79,7 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
         modes=found.modes,
         declared=_regressor(found.terms, samples, options, options.modes),
         found=found,
-        samples=found.samples,
+        samples=samples,
         options=options,
         terms=found.terms,
         split=found.split,

@@ -30,7 +30,7 @@ class Measurement:
     decimate: int = 1
     time_step: float | None = None  # seconds between two rows, where no column holds the times
     time_unit: str | None = None  # of the column of the times; None: by its name or its steps
-    # Inputs with times of their own that keep their value between them; None: found by their steps.
+    # Inputs that keep their value between their rows; None: as they say themselves.
     hold: tuple[str, ...] | None = None
     keep_spikes: bool = False  # use cells that look like no measurement all the same
 
@@ -38,6 +38,13 @@ class Measurement:
     def timed(self) -> bool:
         """Whether the times of the rows are known."""
         return self.time is not None or self.time_step is not None
+
+    @property
+    def input_hold(self) -> str | tuple[str, ...]:
+        """What the inputs do between two rows, as an identifier takes it."""
+        if self.hold is None:
+            return "auto"
+        return tuple("zero" if name in self.hold else "linear" for name in self.inputs)
 
     @property
     def channels(self) -> list[str]:

@@ -73,20 +73,6 @@ class Recorded:
             np.insert(self.groups, places, np.array(names, dtype=self.groups.dtype)),
         )
 
-    def holding(self, held: Sequence[bool]) -> Recorded:
-        """With the limits of inputs that keep their value until the next row."""
-        rows, before, names = [], [], []
-        for label, own in trajectories(group_labels(self.groups, len(self.groups))):
-            u = self.inputs[own]
-            kept = np.where(held, u[:-1], u[1:])
-            steps = np.flatnonzero((kept != u[1:]).any(axis=1) & (np.diff(self.t[own]) > 0.0))
-            rows.append(own[steps + 1])
-            before.append(kept[steps])
-            names += [label] * len(steps)
-        places = np.concatenate(rows)
-        at = Steps(places, self.t[places], np.concatenate(before), self.inputs[places])
-        return self.with_steps(at, np.array(names, dtype=self.groups.dtype))
-
     @property
     def holds_a_state(self) -> NDArray[np.bool_]:
         """The rows in which some state was measured."""

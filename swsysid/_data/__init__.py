@@ -7,6 +7,7 @@ units; all else in this package asks for checked rows in one order.
 
 In reading order: `sources` (where rows come from), `rows` (their canonical order), `sampling`,
 `trajectories` (rows of recordings), `recordings` (one of them, and where its inputs step),
+`many_recordings` (read where they are worked on),
 `records` (with inputs, signals and times), `windows` (local polynomials along them),
 `coordinates` and `features` (columns made of columns).
 """

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from swsysid._data.recordings import staircases
 from swsysid._data.records import Records, next_states
 from swsysid._data.windows import Windows, stays_of
 from swsysid._effect_model.declared import Declared, Modes
@@ -41,7 +42,6 @@ from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, wi
 from swsysid._effect_search.folds import Rows, Split, StateNoise
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.settings import SETTINGS
-from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._stays.start import named
@@ -209,7 +209,7 @@ def _filtered(fit: JointFit, records: Records, states: Array, decoding: Decoded)
     motion = _drawn(fit, records.with_columns(states), decoding.modes, added)
     rest = records.X[:, :n_states] - motion
     modes = np.where(decoding.sure, decoding.modes, -1)
-    windows = _windows(rest, records, modes, _between_jumps(fit, records, decoding.stretches))
+    windows = _windows(rest, records, modes, _between_jumps(records, decoding.stretches))
     X = np.column_stack([motion + windows.values @ rest, records.X[:, n_states:]])
     shown = np.zeros((len(records), 1), dtype=bool)
     shown[windows.whole()] = True
@@ -310,31 +310,17 @@ def _drawn(fit: JointFit, records: Records, modes: NDArray[np.intp], added: Arra
     return answer
 
 
-def _between_jumps(fit: JointFit, records: Records, stretches: list[Rows]) -> list[Rows]:
-    """Stretches of a record cut where a held input jumps, if that leaves most of them."""
-    jumps = _jumps(fit, records) if records.n_inputs else np.empty(0, dtype=np.intp)
+def _between_jumps(records: Records, stretches: list[Rows]) -> list[Rows]:
+    """Stretches of a record cut where a held input steps, if that leaves most of them."""
+    t, inputs = records.t, records.X[:, records.n_states :]
+    assert t is not None
+    held = [*staircases([(t[rows], inputs[rows]) for rows in records.trajectories])]
     cut = [
         part
         for rows in stretches
-        for part in np.split(rows, np.flatnonzero(np.isin(rows[1:], jumps)) + 1)
+        for part in np.split(
+            rows, np.flatnonzero(np.diff(inputs[rows][:, held], axis=0).any(axis=1)) + 1
+        )
     ]
     left = sum(len(part) for part in cut if len(part) >= SETTINGS.shortest_window)
     return cut if 2 * left >= sum(map(len, stretches)) else stretches
-
-
-def _jumps(fit: JointFit, records: Records) -> Rows:
-    """Samples at which inputs that rest change a velocity by far more than they usually do."""
-    found = []
-    for rows in records.trajectories:
-        last, n_states = rows[1:], records.n_states
-        inputs = records.X[rows][:, n_states:]
-        resting = np.mean(inputs[1:] == inputs[:-1], axis=0) > 0.5
-        if not resting.any():
-            continue
-        before = records.X[last].copy()
-        before[:, n_states:] = np.where(resting, inputs[:-1], inputs[1:])
-        by_mode = fit.declared_velocities(records.X[last]) - fit.declared_velocities(before)
-        change = np.abs(by_mode).max(axis=0)
-        usual = np.maximum(robust_scale(change), SETTINGS.fine * change.max(axis=0))
-        found.append(last[np.any(change > SETTINGS.gross * usual, axis=1)])
-    return np.concatenate([np.empty(0, dtype=np.intp), *found])

@@ -44,7 +44,8 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
     errors = _errors(together * covariance.variances_of_instants)[: sum(counts)]
     instants = np.split(errors, np.cumsum(counts)[:-1])
-    return Certainty(coef, _of_surface(found, together), instants, together)
+    of_surface = surface_errors(found, together * covariance.of_guards)
+    return Certainty(coef, of_surface, instants, together)
 
 
 def _held(found: StayIdentification, origin: Origin | None) -> NDArray[np.bool_]:
@@ -88,12 +89,11 @@ def _errors(variances: Array) -> Array:
     return np.sqrt(np.clip(variances, 0.0, np.inf))
 
 
-def _of_surface(found: StayIdentification, together: float) -> Array | None:
+def surface_errors(found: StayIdentification, own: Array) -> Array | None:
     """Errors in the user's units, which are linear in the coordinates of the fit."""
     guards, surface = found.estimate.guards, found.model.surface_
     if guards is None or not isinstance(surface, PolynomialSurfaceClassifier):
         return None
-    own = together * found.reached.covariance.of_guards
     other, start = deepcopy(surface), surface.coef_
     columns = []
     for place in zip(*np.nonzero(guards.free), strict=True):

@@ -131,6 +131,10 @@ class Given:
             names = names[:count] + names[self.n_channels :]
         return replace(self, records=records, names=names, order=1)
 
+    def held(self, holds: Sequence[str]) -> Given:
+        """The same with rows where inputs step that keep their value until the next row."""
+        return self.stepped([Hold.ROW if one == Hold.ROW else Hold.LINE for one in holds])
+
     def stepped(self, holds: Sequence[Hold]) -> Given:
         """The same with rows where inputs step that keep their value."""
         if all(one is Hold.LINE for one in holds):

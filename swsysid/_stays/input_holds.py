@@ -11,21 +11,22 @@ or it steps at one of m instants between the rows, which are estimated with the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from copy import copy
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from swsysid._checks.parameters import one_of, shown
 from swsysid._data.recordings import Hold, staircases
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.printing import counted
 from swsysid._stays.descent import Reached, most_likely
-from swsysid._stays.given import Given
+from swsysid._stays.given import Given, without_clipped
 from swsysid._stays.identification import StayIdentification, leaves_noise
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin
+from swsysid._stays.pieces import between_jumps
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import states_of
 from swsysid._stays.search import Search
@@ -36,54 +37,59 @@ from swsysid._stays.settings import StaySettings
 _CLEARLY = 0.1
 
 
-@dataclass(frozen=True)
-class Held:
-    """Recordings with rows where inputs step, and what each input does between two rows."""
-
-    given: Given
-    holds: tuple[Hold, ...]
-    found: StayIdentification | None = None  # what the first rounds say of them
-
-
-def hold_sentence(name: str, hold: Hold, n_steps: int = 0) -> str:
-    """What an input does between two rows, in words; nothing of one that is on a line."""
-    if hold is Hold.ROW:
-        return f"{name} keeps its value until the next row, which is likelier than a line."
-    return (
-        f"{name} keeps its value and steps between two rows: {counted(n_steps, 'instant')} of its "
-        "steps are estimated with the laws, which is likelier than a line."
-    )
+def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> Iterator[str]:
+    """What inputs do between two rows, in words; nothing of lines."""
+    n_steps = sum(0 if one.unknown is None else len(one.unknown) for one in given.records)
+    for name, hold in zip(names[-given.n_inputs :], holds, strict=False):
+        if hold == Hold.ROW:
+            yield f"{name} keeps its value until the next row."
+        if hold == Hold.BETWEEN:
+            yield (
+                f"{name} keeps its value and steps between two rows: "
+                f"{counted(n_steps, 'instant')} of its steps are estimated with the laws."
+            )
 
 
 def holds_of(
-    given: Given, estimator: SwitchingSystemRegressor, order: int, settings: StaySettings
+    given: Given,
+    estimator: SwitchingSystemRegressor,
+    order: int,
+    input_hold: object,
+    settings: StaySettings,
 ) -> tuple[Hold, ...]:
-    """What each input does between two rows."""
-    given = Origin.of(given, estimator, order).counted(given)
-    return with_steps(Search(estimator, given, order, None, settings, lambda: None)).holds
-
-
-def with_steps(search: Search) -> Held:
-    """The recordings of a search, in which inputs step if they are likelier to.
+    """What each input does between two rows, as a user says, or with "auto" the recordings.
 
     One law is tried first: where it leaves nothing but noise, steps are no switches of modes.
     """
-    given = search.given
+    if input_hold != "auto":
+        return _told(input_hold, given.n_inputs)
     lines = (Hold.LINE,) * given.n_inputs
     channels = staircases([(record.t, record.u) for record in given.records])
-    if not channels or search.is_exact:
-        return Held(given, lines)
-    with search.quietly():
-        for n_modes in dict.fromkeys((1, search.usual_count)):
-            begun = search.begun(n_modes)
-            best = _best(search, begun, channels)
-            told = n_modes != 1 or leaves_noise(best.reached, search.base.noise)
-            if best.holds != lines and (told or search.usual_count == 1):
-                model = copy(begun.model)
-                model.coef_ = best.reached.estimate.laws.coef
-                found = replace(begun, model=model, reached=best.reached)
-                return Held(best.given, best.holds, found)
-    return Held(given, lines)
+    if not channels:
+        return lines
+    with Search.quietly():
+        given = without_clipped(between_jumps(given).given)
+        given = Origin.of(given, estimator, order).counted(given)
+        search = Search(estimator, given, order, None, settings, lambda: None)
+        for n_modes in () if search.is_exact else dict.fromkeys((1, search.usual_count)):
+            best = _best(search, search.begun(n_modes), channels)
+            is_law = n_modes != 1 or leaves_noise(best.reached, search.base.noise)
+            if best.holds != lines and (is_law or search.usual_count == 1):
+                return best.holds
+    return lines
+
+
+def _told(input_hold: object, n_inputs: int) -> tuple[Hold, ...]:
+    if isinstance(input_hold, str):
+        one_of("input_hold", input_hold, ("auto", *map(str, Hold)))
+        return (Hold(input_hold),) * n_inputs
+    told = [*input_hold] if isinstance(input_hold, Iterable) else None
+    if told is None or len(told) != n_inputs:
+        raise ValueError(
+            f"input_hold={shown(input_hold)} must be 'auto', or say of each of {n_inputs} inputs "
+            "whether it is 'linear', 'zero' or 'between'."
+        )
+    return tuple(Hold(one_of("input_hold", one, map(str, Hold))) for one in told)
 
 
 def _best(
@@ -109,7 +115,6 @@ class _Trial:
     """Most likely laws where inputs do this and that between two rows."""
 
     holds: tuple[Hold, ...]
-    before: Given
     reached: Reached
 
     @classmethod
@@ -128,7 +133,7 @@ class _Trial:
         recordings = replace(recordings, first_step=known.first_step)
         nodes = Nodes(recordings, start.nodes.stays)
         estimate = Estimate(start.laws, nodes, recordings.in_a_row(recordings.guess))
-        return cls(tuple(holds), given, most_likely(estimate, search.base.noise, search.settings))
+        return cls(tuple(holds), most_likely(estimate, search.base.noise, search.settings))
 
     @property
     def nats(self) -> float:
@@ -138,18 +143,6 @@ class _Trial:
         misfit = np.log(max(self.reached.value, np.finfo(float).tiny))
         n_steps = sum(map(len, nodes.recordings.unknown))
         return float(0.5 * n_values * misfit + 0.5 * n_steps * np.log(n_values))
-
-    @property
-    def given(self) -> Given:
-        """The recordings with rows where inputs step, at the instants that were found."""
-        found = self.reached.estimate.nodes.recordings
-        records = [
-            replace(record, t=t[places], unknown=unknown)
-            for record, t, places, unknown in zip(
-                self.before.records, found.times, found.sampled, found.step_times, strict=True
-            )
-        ]
-        return replace(self.before, records=records)
 
 
 def _switches(estimate: Estimate, given: Given, channel: int) -> bool:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.recordings import Hold
 from swsysid._free_rollouts.judge import Break, FreeRollouts
 from swsysid._rendering.printing import counted, determined, sum_with_errors
 from swsysid._results import Array
@@ -16,7 +15,6 @@ from swsysid._stays.certainty import Certainty
 from swsysid._stays.doubts import FitLeft, mode_doubts, surface_doubts
 from swsysid._stays.free import judged
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.input_holds import hold_sentence
 from swsysid._stays.origin import Origin
 from swsysid._stays.search import Search
 from swsysid._stays.settings import LIMITS
@@ -133,11 +131,12 @@ def reported(
     sure: Certainty,
     modes: NDArray[np.intp],
     origin: Origin,
-    holds: Sequence[Hold] = (),
+    held: Iterable[str] = (),
 ) -> RecordingReport:
     """What was found, with how certain it is, and what free rollouts say of it.
 
-    The estimate counts its columns from the `origin`, the model those of the user.
+    The estimate counts its columns from the `origin`, the model those of the user; `held` is what
+    inputs do between two samples.
     """
     given, n_modes = search.given, len(found.estimate.laws.coef)
     n_channels, names = given.n_channels, found.model.switching_model.feature_map.names_in
@@ -151,7 +150,7 @@ def reported(
         *mode_doubts(n_modes, search.estimator.n_modes, search.counts[-1]),
         *noise.sentences(channels),
         *left.sentences(),
-        *_steps(found, holds, names[-given.n_inputs :]),
+        *held,
     ]
     has_surfaces = n_modes > 1 and has_equations(found.model.surface_)
     return RecordingReport(
@@ -170,14 +169,6 @@ def reported(
         doubts=tuple(doubts),
         advice=advice_of(left.excess, channels, together, rollouts),
     )
-
-
-def _steps(found: StayIdentification, holds: Sequence[Hold], names: Sequence[str]) -> Iterator[str]:
-    """What inputs do between two samples."""
-    unknown = sum(map(len, found.estimate.nodes.recordings.unknown))
-    for name, hold in zip(names, holds, strict=False):
-        if hold is not Hold.LINE:
-            yield hold_sentence(name, hold, unknown)
 
 
 def _laws(found: StayIdentification, sure: Certainty, names: Sequence[str]) -> list[str]:

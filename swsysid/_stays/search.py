@@ -82,7 +82,7 @@ class ExactStart:
 
 
 class Search:
-    """One search; `told` is called now and then, to show that it goes on, `known` is a start."""
+    """One search; `told` is called now and then, to show that it goes on."""
 
     def __init__(
         self,
@@ -93,12 +93,11 @@ class Search:
         settings: StaySettings,
         told: Callable[[], object],
         surfaces: bool = True,
-        known: StayIdentification | None = None,
     ):
         check_channels(given)
         check_observed(observed, given)
         self.estimator, self.given, self.order = estimator, given, order
-        self.settings, self.told, self.surfaces, self.known = settings, told, surfaces, known
+        self.settings, self.told, self.surfaces = settings, told, surfaces
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
         self._by_count: dict[object, tuple[SwitchingSystemRegressor, NDArray[np.bool_]]] = {}
@@ -211,14 +210,12 @@ class Search:
         return next(self._starts(n_modes, None)).begin()
 
     def _starts(self, n_modes: object, fewer: StayIdentification | None) -> Iterator[Alternation]:
-        """One from what is known of so many modes, and one for each window of differentiation.
+        """One for each window of differentiation.
 
         Where recordings are long there is one from an answer to a part of them in their place.
         Where no surface separates modes one goes on from the answer with one mode fewer.
         """
         windows, recordings = set(), self.base.recordings
-        if self.known is not None and len(self.known.estimate.laws.coef) == n_modes:
-            yield self.alternation(self.known.model, self.known.estimate.laws.free, recordings)
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
         if (part := part_of(self.given)) is not None:
             options = self.settings, self.told, self.surfaces

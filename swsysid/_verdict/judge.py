@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from swsysid._checks.estimators import check_fitted
+from swsysid._data.recordings import Hold
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._verdict.comparison import Comparison, Rival, Split, hold_out, relative_error
@@ -167,7 +168,7 @@ class JudgedOnRecordings:
     Its `fit` calls `_keep`, and `_asked` fits again without what is held out.
     """
 
-    _recordings: Given
+    _recordings: Given | None
     _verdict: SwitchingVerdict | None
 
     @property
@@ -192,7 +193,21 @@ class JudgedOnRecordings:
             known = self._verdict = self._judged()
         return known
 
-    def _keep(self, given: Given) -> None:
+    @property
+    def _holds(self) -> tuple[str, ...]:
+        """What inputs do between samples; of models that were saved before it was told, nothing."""
+        return vars(self).get("input_holds_", ())
+
+    def _stepped(self, given: Given) -> Given:
+        """With the limits of inputs that keep their value until the next row."""
+        return given.held(self._holds) if given.n_inputs == len(self._holds) else given
+
+    def _with_hold(self, options: dict[str, object]) -> dict[str, object]:
+        """Options of `simulate`: held are inputs all of which were, others are on lines."""
+        hold = Hold.ROW if {*self._holds} == {Hold.ROW} else Hold.LINE
+        return {"input_hold": str(hold)} | options
+
+    def _keep(self, given: Given | None) -> None:
         """The recordings of a fit, nothing of which is known yet."""
         self._recordings = given
         self._verdict = None
@@ -202,8 +217,8 @@ class JudgedOnRecordings:
         given = vars(self).get("_recordings")
         if given is None:
             raise AttributeError(
-                "verdict_ needs the recordings, which the file of a model does not hold; fit them "
-                "again, or ask for it before the model is saved."
+                "verdict_ needs the recordings, which neither the file of a model holds nor a fit "
+                "of many that are read when they are asked for; fit them, or some, again."
             )
         split = hold_out(given.places, JUDGING.fraction, 0)
         n_left = np.bincount(given.places[split.train])

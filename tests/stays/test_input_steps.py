@@ -1,5 +1,6 @@
 """Inputs that keep their value: where they step, and what laws make of them."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -76,6 +77,47 @@ def test_a_command_that_is_held_acts_from_its_row_on():
     np.testing.assert_allclose(run.x, x, atol=6.0 * NOISE)  # the start is as noisy as all samples
     unseen = command(seed=1)
     assert found.score(unseen[1], unseen[0], inputs=unseen[2]) > 0.9995
+
+
+def test_what_is_told_of_inputs_is_taken_and_nothing_else_is_tried(monkeypatch):
+    t, x, u = command()
+    asked = TrajectoryIdentifier(affine()).fit(x, t, inputs=u)
+    tried = "swsysid._stays.search.Search.begun"
+    monkeypatch.setattr(tried, lambda *_: pytest.fail("what was told was tried"))
+    for told in ("zero", ("zero",)):
+        found = TrajectoryIdentifier(affine(), input_hold=told).fit(x, t, inputs=u)
+        assert found.input_holds_ == asked.input_holds_
+        off = np.abs(found.estimator_.coef_ - asked.estimator_.coef_)
+        assert (off <= 0.02 * asked.coef_errors_).all()  # another start of the same descent
+    line = TrajectoryIdentifier(affine(), input_hold="linear").fit(x, t, inputs=u)
+    assert line.input_holds_ == ("linear",)
+    assert np.abs(line.estimator_.coef_[0, 0] - TRUE).max() > 0.05
+
+
+def test_instants_are_sought_where_it_is_told_that_they_lie_between_rows():
+    t, x, u, instants = relay()
+    found = TrajectoryIdentifier(affine(), input_hold="between").fit(x, t, inputs=u)
+    off = np.abs(found.estimator_.coef_[0, 0] - TRUE)
+    assert (off <= 2.0 * found.coef_errors_[0, 0]).all() and off.max() <= 0.02
+    assert f"{len(instants)} instants" in str(found.report_)
+
+
+@pytest.mark.parametrize(
+    ("told", "sentence"),
+    [
+        ("cubic", "input_hold='cubic' is unknown; choose 'auto', 'linear', 'zero' or 'between'."),
+        (("zero", "cubic"), "input_hold='cubic' is unknown; choose 'linear', 'zero' or 'between'."),
+        (
+            ("zero",) * 3,
+            "must be 'auto', or say of each of 2 inputs whether it is",
+        ),
+        (None, "input_hold=None must be 'auto', or say"),
+    ],
+)
+def test_what_inputs_do_between_rows_is_refused_in_words(told, sentence):
+    t, x, u = command()
+    with pytest.raises(ValueError, match=re.escape(sentence)):
+        TrajectoryIdentifier(affine(), input_hold=told).fit(x, t, inputs=np.hstack([u, u**2]))
 
 
 def test_a_line_between_rows_of_equal_values_is_one():
