@@ -98,8 +98,10 @@ class Cut:
     @property
     def longer(self) -> Cut | None:
         """The same in stretches twice as long; None where a stretch is a whole recording."""
-        is_whole = len(self.stretches.parts) == len(self.records)
-        return None if is_whole else replace(self, length=2 * self.length)
+        if len(self.stretches.parts) == len(self.records):
+            return None
+        longest = max(len(record.t) for record in self.records)
+        return replace(self, length=min(2 * self.length, longest))
 
     @property
     def measured(self) -> Array:

@@ -74,6 +74,7 @@ class Judge(Generic[Fit]):
             untested=(),
             noise=held_out.noise,
             blocks=cut.blocks,
+            stretch=cut.length,
         )
         return self.of_law(comparison, self.terms)
 
@@ -108,6 +109,7 @@ class Judge(Generic[Fit]):
             untested=tuple(int(mode) for mode in np.flatnonzero(~is_seen)),
             noise=held_out.noise,
             blocks=cut.blocks[judged],
+            stretch=cut.length,
             seen=trained is fit,
         )
         return Judged(comparison, partial(held_out.free, trained))

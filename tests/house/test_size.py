@@ -31,8 +31,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # (`_output_error`), and refute what is not worth telling (`_effect_search`). Instants follow the
 # residual (`effects`); of what nothing tells no interval is said (`_effect_search`). Documents keep
 # features of columns in turn (`_automaton`). Guards may have several conditions, which are stated,
-# followed, written and read, as is how a SpaceEx model is run (`_automaton`, `_discrete_stays`); two
-# of them are found (`_automaton_search/conditions`). Verdicts compare over longer stretches where
+# followed, written and read, as is how a SpaceEx model is run (`_automaton`, `_discrete_stays`);
+# two are found (`_automaton_search/conditions`). Verdicts compare over longer stretches where
 # short ones tell nothing, and say so (`_verdict`).
 MOST_LINES = {
     "_automaton": 3250,
