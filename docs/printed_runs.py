@@ -92,7 +92,7 @@ def keep_report(app):
         other = differences(page, outputs(page, Path(name)))
         if other:
             raise RuntimeError(f"{other} print other texts: run docs/printed_runs.py --write.")
-        report = Path(name, "swsysid_diagnosis.html").read_bytes()
+        report = Path(name, "swsysid_output", "swsysid_diagnosis.html").read_bytes()
     Path(app.outdir, REPORT).write_bytes(report)
 
 

@@ -247,7 +247,7 @@ def _add_diagnosis(add: Callable) -> None:
         "--html",
         type=Path,
         metavar="OUT.html",
-        help="with --diagnose: the page (default: swsysid_diagnosis.html, in this folder)",
+        help="with --diagnose: the page (default: swsysid_diagnosis.html in the output folder)",
     )
     add(
         "--signals",

@@ -49,7 +49,8 @@ def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) 
             return run_automaton(table, options, arguments.output, checksum)
     search, page, effects = None, None, []
     if arguments.diagnose:
-        effects, page = chosen_effects(arguments.effects), _page_path(arguments.html, table.source)
+        effects = chosen_effects(arguments.effects)
+        page = _page_path(arguments.html or arguments.output / PAGE, table.source)
         is_left_open = arguments.modes is None and not options.has_measured_rates
         if is_left_open or options.modes == 1:
             found = diagnosed(table, options, effects, is_left_open, watched)
@@ -98,9 +99,8 @@ def _checksum(file: str | None) -> str:
         return hashlib.file_digest(read, "sha256").hexdigest()
 
 
-def _page_path(path: Path | None, source: str) -> Path:
+def _page_path(chosen: Path, source: str) -> Path:
     """Where the page goes, asked before the work is done; says if another one is there."""
-    chosen = Path(PAGE) if path is None else path
     if chosen.is_dir() or not os.access(chosen.parent, os.W_OK):
         raise TableError(f"--html {chosen} cannot be written; name a file in a folder that exists.")
     title = html.escape(page_title(source)).encode()

@@ -240,7 +240,7 @@ class Round(TypedDict):
 
 
 class TriedEffect(TypedDict):
-    """An effect that chance does not explain and that did not lower the held-out error."""
+    """What chance does not explain, held-out rows do not show, and not all of them refute."""
 
     effect: str
     p_value: float

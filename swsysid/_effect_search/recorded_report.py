@@ -57,6 +57,7 @@ def recorded_report(
                 "rollouts": None,
             }
             for one, before, after in outcome.tried
+            if one.p_value <= outcome.search.significance and (after < before).any()
         ),
         alarms=tuple(alarms),
         of_rollouts=not records.static,

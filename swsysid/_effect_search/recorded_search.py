@@ -20,7 +20,8 @@ from swsysid._effect_search.recording import Measured
 from swsysid._output_error.criterion import Left, fall, go_astray
 from swsysid._output_error.engines import QUANTITIES, RATES
 from swsysid._output_error.law import Law
-from swsysid._output_error.search import Finding, Search, Searched
+from swsysid._output_error.search import Finding, Search, Searched, n_happened
+from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import Effect
@@ -150,22 +151,24 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
     What was held out took no part in any choice: it judges each effect once, beside all others, and
     what it says for or against it adds to the evidence of the stretches that were searched. A
     disturbance helps a law along, which by itself may go astray: free rollouts are no worse, too.
-    What acts once has been judged by all samples. If the judgement is not strict, an effect is
-    refuted only by what becomes surely worse.
+    It is worth telling beside what the declared law leaves, too. What acts once has been judged by
+    all samples. If the judgement is not strict, only what becomes surely worse refutes an effect.
     """
     stretches, kept = outcome.search.stretches, list(outcome.findings)
     tried: list[tuple[Finding, Array, Array]] = []
     last, engine, held_out = outcome.models[-1], outcome.search.engine, outcome.held_out
     significance = outcome.search.significance
+    first = engine.left_over(outcome.models[n_happened(kept)], held_out)
     for place in reversed(range(len(kept))):
         less = engine.fitted(last.law.without(place), stretches)
         p_value, is_better = kept[place].p_value, True
         if not kept[place].candidate.effect.acts_once:
-            judged = fall(*(engine.left_over(fit, held_out) for fit in (less, last)))
+            both = [engine.left_over(fit, held_out) for fit in (less, last)]
+            judged, worth = fall(*both), fall(first, both[1]).share - fall(first, both[0]).share
             free = [Left(engine.left_of(fit, held_out), held_out.series) for fit in (less, last)]
             p_value = min(1.0, p_value * np.exp(-judged.nats))
-            least = 0.0 if strict else -judged.error
-            is_better = judged.share > least and not go_astray(free[0], free[1], significance)
+            is_better = worth >= SETTINGS.worth_telling if strict else judged.share > -judged.error
+            is_better = is_better and not go_astray(free[0], free[1], significance)
             kept[place] = replace(kept[place], p_value=float(p_value))
         elif tried:  # what has been refuted since may have hidden it
             whole = replace(outcome.search, stretches=outcome.every)

@@ -32,8 +32,6 @@ _MOVED = 0.1
 # Steps of the integrator for a sample: the plants of `benchmarks/trajectories` take up to 5.
 _MOST_STEPS = 50
 
-_UNIT = "a thousandth of the spread"  # `size` of the settings
-
 
 class Simulates(Protocol):
     """A model that can be rolled out."""
@@ -101,8 +99,9 @@ class FreeRollouts:
         Whether all of them together leave more than noise.
     over : str
         What each rollout goes along, where that is not a whole recording.
-    unit : str
-        In which `left` is told: the noise, or part of the spread where there is less of it.
+    in_noise : bool
+        Whether `left` is in units of the noise; else of a thousandth of the spread, where there is
+        less noise than that.
     """
 
     channels: tuple[str, ...]
@@ -118,7 +117,7 @@ class FreeRollouts:
     hangs_on_start: bool = False
     leave_more: bool = False
     over: str = ""
-    unit: str = "the noise"
+    in_noise: bool = True
 
     @property
     def holds(self) -> bool:
@@ -138,7 +137,9 @@ class FreeRollouts:
     def sentence(self, time_unit: str = "") -> str:
         """All of this in one line."""
         sizes = zip(self.channels, self.left, strict=True)
-        left = f"leave: {', '.join(f'{name} {size:.3g}' for name, size in sizes)} of {self.unit}"
+        scale = 1.0 if self.in_noise else 100.0 * SETTINGS.size
+        left = ", ".join(f"{name} {scale * size:.3g}" for name, size in sizes)
+        left = f"leave: {left} {'of the noise' if self.in_noise else '% of the spread'}"
         if not np.isfinite(self.left).all():
             left = "end before what was recorded does"
         told = [f"Free rollouts{f' over {self.over}' if self.over else ''} {left}"]
@@ -256,7 +257,7 @@ def judged(
         hangs_on_start=any(one.hangs_on_start(begin) for _, one, begin in broken[:1]),
         leave_more=leave_more([one.left for one in done], together, variance),
         over=over,
-        unit=_UNIT if all((one.noise <= least).all() for one in done) else "the noise",
+        in_noise=not all((one.noise <= least).all() for one in done),
     )
 
 

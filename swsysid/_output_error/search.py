@@ -40,6 +40,11 @@ class Finding:
     n_candidates: int
 
 
+def n_happened(findings: Sequence[Finding]) -> int:
+    """How many effects at first act once."""
+    return [*(one.candidate.effect.acts_once for one in findings), False].index(False)
+
+
 @dataclass(frozen=True)
 class Searched:
     """What a search has found: the declared model, and one effect more in each that follows."""
@@ -67,8 +72,7 @@ class Searched:
 
         A lid that was opened leaves more than all that there is at other times.
         """
-        happened = [one.candidate.effect.acts_once for one in self.findings]
-        return self.models[[*happened, False].index(False)]
+        return self.models[n_happened(self.findings)]
 
     def went_on(self, after_each: Callable[[], None] = lambda: None) -> Searched:
         """The same with every further effect that is worth it."""

@@ -88,6 +88,7 @@ class Comparison:
     untested: tuple[int, ...]
     noise: Array | None = None  # of the columns, where they are measured states
     blocks: NDArray[np.intp] | None = None  # of the rows: independent stretches; None cuts some
+    stretch: int = JUDGING.stretch  # samples of each that is rolled out
     seen: bool = False  # by the model of several modes, which is no better all the same
     # Whether the model of all recordings leaves nothing but noise where switches are told, and
     # predicts better than the best rival what is held out, which it has seen.

@@ -6,7 +6,8 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -67,9 +68,10 @@ class Cut:
 
     records: list[Record]  # recordings, or their ends
     labels: list[object]
-    stretches: Stretches
+    guess: list[Array]  # of all their states, roughly
     kept: NDArray[np.bool_]  # rows of the stretches that are samples: limits of inputs are none
     rows: NDArray[np.intp]  # of the recordings, those of the samples
+    length: int = JUDGING.stretch  # samples of a stretch
 
     @classmethod
     def of(cls, given: Given, states: Sequence[Array], split: Split) -> Cut:
@@ -86,7 +88,20 @@ class Cut:
                 places.append(rows[held])
         kept = np.asarray(np.isfinite(np.vstack([record.y for record in records])).any(axis=1))
         rows = np.concatenate(places)[kept]
-        return cls(records, labels, Stretches.of(records, guess), kept, rows)
+        return cls(records, labels, guess, kept, rows)
+
+    @cached_property
+    def stretches(self) -> Stretches:
+        """The stretches."""
+        return Stretches.of(self.records, self.guess, self.length)
+
+    @property
+    def longer(self) -> Cut | None:
+        """The same in stretches twice as long; None where a stretch is a whole recording."""
+        if len(self.stretches.parts) == len(self.records):
+            return None
+        longest = max(len(record.t) for record in self.records)
+        return replace(self, length=min(2 * self.length, longest))
 
     @property
     def measured(self) -> Array:
@@ -136,6 +151,13 @@ class HeldOut(ABC, Generic[Fit]):
             with suppress(ValueError, SolverError):  # such as sines of columns in the thousands
                 found.append((each, self.trained(each, 1)))
         return found
+
+    def lengthened(self) -> bool:
+        """Whether stretches become twice as long; not where they are whole recordings."""
+        longer = self.cut.longer
+        if longer is not None:
+            self.cut = self.laws.cut = longer
+        return longer is not None
 
     @abstractmethod
     def left_by(self, fit: Fit) -> Array:

@@ -41,9 +41,11 @@ class Judge(Generic[Fit]):
 
     def __init__(self, held_out: HeldOut[Fit], terms: Terms):
         self.held_out, self.terms = held_out, terms
-        of_laws = held_out.laws
-        self.laws = dict(of_laws.rivals(terms))
-        self.rivals = tuple(Rival(each, of_laws.left_by(one)) for each, one in self.laws.items())
+        self.laws = dict(held_out.laws.rivals(terms))
+        self.rivals = self._rivals()
+        # over short stretches a smooth law may leave nothing but noise, and so may modes
+        while self.is_smooth() and held_out.lengthened():
+            self.rivals = self._rivals()
 
     def judged(self, fit: Fit, asked: int | str) -> Judged:
         """How the modes of a fit predict what is held out, if laws of the others have them.
@@ -73,6 +75,7 @@ class Judge(Generic[Fit]):
             untested=(),
             noise=held_out.noise,
             blocks=cut.blocks,
+            stretch=cut.length,
         )
         return self.of_law(comparison, self.terms)
 
@@ -107,6 +110,7 @@ class Judge(Generic[Fit]):
             untested=tuple(int(mode) for mode in np.flatnonzero(~is_seen)),
             noise=held_out.noise,
             blocks=cut.blocks[judged],
+            stretch=cut.length,
             seen=trained is fit,
         )
         return Judged(comparison, partial(held_out.free, trained))
@@ -145,6 +149,10 @@ class Judge(Generic[Fit]):
             given_up=given_up,
             words=words,
         )
+
+    def _rivals(self) -> tuple[Rival, ...]:
+        left_by = self.held_out.laws.left_by
+        return tuple(Rival(each, left_by(one)) for each, one in self.laws.items())
 
     def _is_seen(self, fit: Fit) -> NDArray[np.bool_]:
         """Modes that the training recordings have."""

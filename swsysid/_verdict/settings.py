@@ -33,8 +33,9 @@ class Judging:
     # Features of a richer law that is only tried, and rows that each of them needs.
     most_features: int = 200
     rows_a_feature: int = 5
-    # Samples of a held-out stretch, as where a recording is identified; turns that look for its
-    # start, and the share of the squares by which another one must lower them.
+    # Samples of a held-out stretch at first, as where a recording is identified: it is doubled
+    # where a smooth law leaves nothing but noise. Turns that look for its start, and the share of
+    # the squares by which another one must lower them.
     stretch: int = 30
     turns: int = 12
     settled: float = 1e-6

@@ -26,11 +26,11 @@ class Stretches:
     guess: list[Array]  # of each part, (n_samples, n_states)
 
     @classmethod
-    def of(cls, records: Sequence[Record], guess: Sequence[Array]) -> Stretches:
-        """No sample is in two stretches."""
+    def of(cls, records: Sequence[Record], guess: Sequence[Array], length: int) -> Stretches:
+        """Of about so many samples each, none of which is in two stretches."""
         parts, states = [], []
         for record, rough in zip(records, guess, strict=True):
-            count = max(1, round(len(record.t) / JUDGING.stretch))
+            count = max(1, round(len(record.t) / length))
             for rows in np.array_split(np.arange(len(record.t)), count):
                 parts.append(Record(record.t[rows], record.y[rows], record.u[rows]))
                 states.append(rough[rows])

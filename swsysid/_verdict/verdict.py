@@ -206,8 +206,8 @@ class SwitchingVerdict:
             ),
             Verdict.SMOOTH: (
                 "Switching does not predict the held-out samples clearly better than one mode: "
-                f"{law} does as well (error of the {modes} {change(comparison)}). Do not "
-                "trust the modes, which may only follow a curve piece by piece"
+                f"{law} does as well (error of the {modes} {change(comparison)}). "
+                f"{self._mistrust}, which may only follow a curve piece by piece"
                 f"{self._smooth_advice()}{other}."
             ),
             Verdict.UNREPEATED: (
@@ -218,7 +218,7 @@ class SwitchingVerdict:
             ),
             Verdict.ONE_MODE: (
                 "Switching does not predict the held-out samples clearly better than one mode "
-                f"(error {change(comparison)}). Do not trust the modes: try another library, keep "
+                f"(error {change(comparison)}). {self._mistrust}: try another library, keep "
                 f"one mode ({words.one_mode}){self._if_memory(', or, ', 'try ')}{other}."
             ),
             Verdict.TOO_FEW: (
@@ -235,6 +235,16 @@ class SwitchingVerdict:
             ),
             Verdict.HIDDEN: self._of_hidden(law, other),
         }[comparison.verdict]
+
+    @property
+    def _mistrust(self) -> str:
+        """Not to trust the modes, or only where the recordings tell nothing of them."""
+        if self.comparison.lacks_something or not self.stands:
+            return "Do not trust the modes"
+        return (
+            "Both leave nothing but noise; longer recordings, or less noise, would tell which is "
+            "true. Do not trust the modes"
+        )
 
     def _if_memory(self, before: str, verb: str = "") -> str:
         """What to try where modes may have memory; nothing of a model that has one."""

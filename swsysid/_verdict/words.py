@@ -11,7 +11,6 @@ from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._rendering.printing import text_table
 from swsysid._results import Array
 from swsysid._verdict.comparison import Comparison
-from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import DEGREES, Terms
 
 
@@ -75,7 +74,7 @@ def held_out_text(comparison: Comparison, n_trained: int, whole: bool) -> str:
             f"{n_trained}"
         )
     return (
-        f"held-out error: RMSE of rollouts over stretches of {JUDGING.stretch} samples, on "
+        f"held-out error: RMSE of rollouts over stretches of {comparison.stretch} samples, on "
         f"{n_rows} samples, {what}, by laws of the other {n_trained}"
     )
 

@@ -44,9 +44,11 @@ _STRETCH = 1_000
 # estimated variance of the noise and the departure itself are uncertain by about five.
 _DOUBT = 10.0
 # Of rounding, which is white noise only nearly: so many times as much, in comparisons with
-# smoothers of up to so many times the variance.
+# smoothers of up to so many times the variance. Beyond, as much as errors of half a quantum make at
+# most: the squared sum of what they are weighted by, over the sum of squares, times (1/2)^2 * 12.
 _ROUNDING_MARGIN = 1.7
 _ROUNDING_REACH = 30.0
+_ROUNDING_AT_MOST = 3.0
 # An error that grows by less than a tenth is not worth a warning.
 _NOTICED = 1.1
 
@@ -163,6 +165,7 @@ class _Totals:
         self.rows = np.zeros((n, n))  # at which both estimates exist
         self.departures = np.zeros((n, n, n_columns))  # squared differences of the estimates
         self.explained = np.zeros((n, n, n_columns))  # what noise alone would make of them
+        self.at_most = np.zeros((n, n))  # times as much is what rounding can make of them
 
     def add(self, smoothers, x: Array, t: Array, rows, variance: Array, order) -> None:
         """Add trajectories of the same times, the columns of one after those of the other.
@@ -188,8 +191,11 @@ class _Totals:
                 squares = np.sum((estimate - weaker)[present] ** 2, axis=0)
                 self.rows[k, j] += present.sum() * count
                 self.departures[k, j] += squares.reshape(count, -1).sum(axis=0)
-                noise = np.sum((kernels[k] - kernel) ** 2)
+                weights = kernels[k] - kernel
+                noise = np.sum(weights**2)
                 self.explained[k, j] += present.sum() * variance * noise
+                most = _ROUNDING_AT_MOST * np.abs(weights).sum() ** 2 / noise
+                self.at_most[k, j] = max(self.at_most[k, j], most)
 
     def risks(self) -> Array:
         """Squared bias plus variance of each smoother, columns in units of their own size."""
@@ -202,9 +208,9 @@ class _Totals:
             bias, variance = np.zeros_like(size), self.explained[k, k] / counts[k]
             for j in range(k):
                 allowed = self.margin * (1.0 + _DOUBT / np.sqrt(self.rows[k, j]))
-                excess = self.departures[k, j] - allowed * self.explained[k, j]
                 far = self.explained[j, j] > _ROUNDING_REACH * variance * counts[j]
-                excess[self.rounded & far] = 0.0
+                allowed = np.where(self.rounded & far, self.at_most[k, j], allowed)
+                excess = self.departures[k, j] - allowed * self.explained[k, j]
                 bias = np.maximum(bias, excess / self.rows[k, j])
             risks[k] = weight @ (bias + variance)
         return risks

@@ -373,14 +373,16 @@ def test_diagnosis_without_times_says_what_it_could_not_do(rubbing, tmp_path, ca
     arguments = [rubbing, *ROLES, "--library", "linear", "--diagnose", "--effects", "drift,bias"]
     text = text_of(arguments, capsys)
     assert "drift: needs the times of the rows: give t" in text
-    assert (tmp_path / "swsysid_diagnosis.html").stat().st_size > 10_000
+    assert (tmp_path / "swsysid_output" / "swsysid_diagnosis.html").stat().st_size > 10_000
 
 
 def test_the_built_in_example_of_diagnosis(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    text = text_of(["--diagnose", "--effects", "coulomb_friction", "polynomial"], capsys)
+    arguments = ["--diagnose", "--effects", "coulomb_friction", "polynomial", "--output", "there"]
+    text = text_of(arguments, capsys)
     assert "Coulomb friction of v in v', p < 1e-16: with it the held-out error of v' is" in text
-    assert (tmp_path / "swsysid_diagnosis.html").exists()
+    assert (tmp_path / "there" / "swsysid_diagnosis.html").exists()
+    assert not (tmp_path / "swsysid_diagnosis.html").exists()
 
 
 @pytest.mark.parametrize(

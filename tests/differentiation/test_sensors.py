@@ -84,6 +84,19 @@ def test_an_encoder_behind_a_noisy_sensor(sensor):
     assert errors[1] < 1.3
 
 
+def test_no_window_takes_a_swing_for_noise_that_an_encoder_reads():
+    # strong smoothers of many swings agree with each other that nothing moves
+    t, pulsation, ending = np.arange(6000) / 150.0, 6.8, 37.2
+    size = 1.6 * np.maximum(1.0 - t / ending, 0.0)
+    slower = -1.6 / ending * (t < ending)
+    swing, turned = np.cos(pulsation * t), -pulsation * np.sin(pulsation * t)
+    v = size * turned + slower * swing
+    a = -(pulsation**2) * size * swing + 2.0 * slower * turned
+    errors = _errors(_rounded(size * swing, np.pi / 1000.0), t, v, a)
+    # a window of a tenth of a period leaves a hundredth of the acceleration, at the stop more
+    assert (errors < 0.05 * np.array([v.std(), a.std()])).all()
+
+
 @pytest.mark.parametrize("method", ["savitzky_golay", "butterworth"])
 def test_noise_is_at_least_that_of_rounding(method):
     t, q, v, a, _ = _mass(24, 0.002)

@@ -58,6 +58,15 @@ def test_the_plant_itself_holds(seed):
     assert f"all {found.n_switches} switches within 1 sample." in found.sentence()
 
 
+def test_without_noise_what_is_left_is_told_in_parts_of_the_spread():
+    plant, other = spring(), spring(stiffness=4.01)
+    found = judged(other, courses(plant, noise=0.0 * NOISE), noise=0.0 * NOISE)
+    assert not found.in_noise and (found.left > 1.0).all()
+    x, v = 0.1 * found.left  # a thousandth is a tenth of a per cent
+    assert f"leave: x {x:.3g}, v {v:.3g} % of the spread;" in found.sentence()
+    assert "of the noise" in judged(plant, courses(plant)).sentence()
+
+
 def test_a_guard_at_another_place_breaks_at_a_switch():
     found = judged(spring(at=0.3), courses(spring()))
     assert not found.holds

@@ -34,7 +34,12 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # is run (`_automaton`, `_discrete_stays`); two of them are found (`_automaton_search/conditions`).
 # What inputs do between rows is said to identifiers and no longer to the command line alone (`top`;
 # `_cli`). Many recordings are worked where they are (`_data`), each condensed to what it says of
-# laws and surfaces (`_stays`; `top`).
+# laws and surfaces (`_stays`; `top`). What several laws imitate is no answer (`_automaton_search`);
+# positions may rest or leave their range (`_cli`); all samples tell what unseen ones leave open
+# (`_output_error`), and refute what is not worth telling (`_effect_search`). Guards may have
+# several conditions, which are stated, followed, written and read, as is how a SpaceEx model is run
+# (`_automaton`, `_discrete_stays`); two are found (`_automaton_search/conditions`). Verdicts
+# compare over longer stretches where short ones tell nothing, and say so (`_verdict`).
 MOST_LINES = {
     "_automaton": 3250,
     "_automaton_search": 5240,
@@ -64,7 +69,7 @@ MOST_LINES = {
     "_stays": 8920,
     "_surfaces": 2310,
     "_tables": 1080,
-    "_verdict": 1670,
+    "_verdict": 1720,
     "top": 3510,
 }
 MOST_FILES = 382  # four say verdicts that were the command line's; settings of SpaceEx, conditions

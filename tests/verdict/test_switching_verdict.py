@@ -19,6 +19,7 @@ from swsysid import (
 from swsysid.__main__ import main
 from swsysid._stays.given import read_given
 from swsysid._verdict.words import COMMAND_LINE
+from swsysid.datasets import make_damped_oscillator
 from swsysid.diagnosis import switching_verdict
 from swsysid.refinement import StatedModel, StatedSurface
 from swsysid.results import SwitchingVerdict, Verdict
@@ -77,6 +78,18 @@ def test_a_planted_switch_is_trusted(contact):
     assert verdict.free_of_held_out.holds
     assert str(verdict).endswith(verdict.sentence)
     assert repr(verdict) == "SwitchingVerdict(SWITCHES, n_modes=2, trusted)"
+
+
+def test_where_a_smooth_law_follows_short_stretches_longer_ones_tell():
+    # damped by 0.1 or 0.5: over 30 samples a cubic law is at the noise
+    plant = make_damped_oscillator(None, n_trajectories=4, time_step=0.05, random_state=0)
+    x = plant.X + 0.05 * np.random.default_rng(0).standard_normal(plant.X.shape)
+    verdict = identifier(sparsity="auto").fit(x, plant.t, plant.groups).verdict_
+    # the last 60 samples of each recording, whole
+    assert verdict.comparison.stretch == 60 == np.bincount(verdict.comparison.blocks).max()
+    assert len(set(verdict.comparison.blocks.tolist())) == 4
+    assert "over stretches of 60 samples" in verdict.table()
+    assert verdict.kind is Verdict.SWITCHES and verdict.gain > 2.0
 
 
 def test_it_is_what_the_command_line_prints(contact, tmp_path, capsys):
