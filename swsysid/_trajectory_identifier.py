@@ -9,6 +9,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
 from swsysid._data.recordings import Hold
+from swsysid._known.known import check_known
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
@@ -16,6 +17,7 @@ from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given, warn_of_turns
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.input_holds import with_steps
+from swsysid._stays.knowledge import Knowledge
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
 from swsysid._stays.recording_report import reported
@@ -58,6 +60,9 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         speeds, and the library needs every speed as a column.
     observed : sequence of str or int, default=None
         States that are measured. None means all; hidden states are refused with what to do.
+    known : Known or list of str, default=None
+        What is known of the laws before: values, missing terms, bounds, ties between modes, linear
+        relations. It holds exactly, and `known_` says what the recordings would rather have.
     refine : bool, default=True
         Whole recordings are rolled out from one start. False ties every sample to the one before
         within 0.4 of the noise, and judges rollouts over stretches of some 30 samples: for chaotic
@@ -89,7 +94,10 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         value until the next one, ``"between"`` it steps at an instant that is estimated.
     coef_errors_ : ndarray of the shape of ``estimator_.coef_``
         Standard errors of the coefficients of the laws; 0 where fixed, infinite where the
-        recordings tell nothing (rate and constant of a mode that rests).
+        recordings tell nothing (rate and constant of a mode that rests). Of a coefficient on a
+        bound it is that without the bound, to whose other side the interval does not reach.
+    known_ : tuple of KnownCheck
+        For each thing `known` what the recordings would rather have, with its p-value.
     surface_errors_ : ndarray of the shape of ``estimator_.surface_.coef_`` or None
         Standard errors of the coefficients of the surfaces, the largest of each held; None for
         one mode and for a classifier without coefficients.
@@ -149,6 +157,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         *,
         order=1,
         observed=None,
+        known=None,
         refine=True,
         n_jobs=None,
         random_state=None,
@@ -157,6 +166,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         self.estimator = estimator
         self.order = order
         self.observed = observed
+        self.known = known
         self.refine = refine
         self.n_jobs = n_jobs
         self.random_state = random_state
@@ -192,6 +202,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
             If a parameter or the data make no sense; the message says what to do.
         """
         order, estimator = check_order(self.order), check_estimator(self.estimator)
+        known = check_known(self.known)
         given = read_given(x, t, groups, inputs)
         warn_of_turns(given)
         pieces = between_jumps(given)
@@ -199,13 +210,16 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         estimator = seeded(estimator, self.random_state).set_params(n_jobs=self.n_jobs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
             origin = Origin.of(given, estimator, order)
-            counted = origin.counted(pieces.given)
-            search = Search(estimator, counted, order, self.observed, settings, bar.update)
+            counted, knowledge = origin.counted(pieces.given), Knowledge(known, origin)
+            search = Search(
+                estimator, counted, order, self.observed, settings, bar.update,
+                knowledge=knowledge,
+            )  # fmt: skip
             held = with_steps(search)
             if held.given is not counted:
                 search = Search(
                     estimator, held.given, order, self.observed, settings, bar.update,
-                    known=held.found,
+                    known=held.found, knowledge=knowledge,
                 )  # fmt: skip
             found = origin.told(weighted(search.identified(), search, origin))
         self._keep(given)
@@ -295,6 +309,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
         holds = [Hold(one) for one in self.input_holds_]
+        self.known_ = sure.known
         self.report_ = reported(search, found, sure, self.modes_, origin, holds)
 
     @property

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._known.checks import KnownCheck
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification, counted_as_one
+from swsysid._stays.knowledge import checked
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -23,6 +26,7 @@ class Certainty:
     surface: Array | None  # (n_surfaces, n_surface_features), in the user's units
     instants: list[Array]  # of every recording
     samples_that_count_as_one: float
+    known: tuple[KnownCheck, ...]
 
 
 def certainty(found: StayIdentification, origin: Origin | None = None) -> Certainty:
@@ -39,12 +43,25 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     of_laws[np.diag_indices(laws.n_free)] = np.where(
         covariance.untold_laws, np.inf, np.diag(of_laws)
     )
+    if laws.region is not None:
+        _at_bounds(found, of_laws, together)
     coef = errors_of(laws.coef.shape, laws.places, of_laws, change)
     coef[_held(found, origin)[:, None, :] & (coef > 0.0)] = np.inf
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
     errors = _errors(together * covariance.variances_of_instants)[: sum(counts)]
     instants = np.split(errors, np.cumsum(counts)[:-1])
-    return Certainty(coef, _of_surface(found, together), instants, together)
+    return Certainty(coef, _of_surface(found, together), instants, together, checked(found))
+
+
+def _at_bounds(found: StayIdentification, of_laws: Array, together: float) -> None:
+    """Give coefficients on a bound, which none moves, the variance that they have without it."""
+    estimate = found.estimate
+    equations = found.reached.objective.normal_equations(estimate)
+    assert equations.steps is not None
+    equations.steps = equations.steps.without_bounds
+    alone = together * np.diag(equations.covariance().of_laws)
+    held = np.flatnonzero(np.diag(of_laws) <= LIMITS.exactly**2 * alone)
+    of_laws[held, held] = alone[held]
 
 
 def _held(found: StayIdentification, origin: Origin | None) -> NDArray[np.bool_]:

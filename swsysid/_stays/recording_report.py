@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._data.recordings import Hold
 from swsysid._free_rollouts.judge import Break, FreeRollouts
+from swsysid._known.checks import KnownCheck
 from swsysid._rendering.printing import counted, determined, sum_with_errors
 from swsysid._results import Array
 from swsysid._stays.certainty import Certainty
@@ -51,6 +52,8 @@ class RecordingReport:
         What the recordings do not tell, or tell otherwise than asked: a sentence each.
     advice : str
         What to do about it.
+    known : tuple of KnownCheck
+        What the recordings would rather have, for each thing that was known.
     """
 
     n_recordings: int
@@ -67,6 +70,7 @@ class RecordingReport:
     rollouts: FreeRollouts
     doubts: tuple[str, ...]
     advice: str
+    known: tuple[KnownCheck, ...] = ()
 
     def __str__(self) -> str:
         n_modes = len(self.shares)
@@ -84,6 +88,7 @@ class RecordingReport:
         lines = [head, *self.laws, *self.surfaces]
         if n_modes > 1:
             lines.append(f"Samples: {lived}.")
+        lines += [f"Known: {one}." for one in self.known]
         lines += [f"Rollouts leave: {noise}.", self.rollouts.sentence(), *self.doubts]
         return "\n".join([*lines, self.advice])
 
@@ -169,6 +174,7 @@ def reported(
         rollouts=rollouts,
         doubts=tuple(doubts),
         advice=advice_of(left.excess, channels, together, rollouts),
+        known=sure.known,
     )
 
 
