@@ -17,7 +17,7 @@ from swsysid._stays.certainty import certainty
 from swsysid._stays.given import Given, read_given, warn_of_turns
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.input_holds import with_steps
-from swsysid._stays.knowledge import Knowledge
+from swsysid._stays.knowledge import Again, Knowledge, checked
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
 from swsysid._stays.recording_report import reported
@@ -221,7 +221,14 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
                     estimator, held.given, order, self.observed, settings, bar.update,
                     known=held.found, knowledge=knowledge,
                 )  # fmt: skip
-            found = origin.told(weighted(search.identified(), search, origin))
+            found = weighted(search.identified(), search, origin)
+
+            def again(left_out: frozenset[int]) -> StayIdentification:
+                other = search.without(left_out, found)
+                return weighted(other.identified(), other, origin)
+
+            self.known_ = checked(found, Again(again, estimator.n_modes))
+            found = origin.told(found)
         self._keep(given)
         self.input_holds_ = tuple(map(str, held.holds))
         self._store(found, search, origin, pieces)
@@ -309,8 +316,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
         holds = [Hold(one) for one in self.input_holds_]
-        self.known_ = sure.known
-        self.report_ = reported(search, found, sure, self.modes_, origin, holds)
+        self.report_ = reported(search, found, sure, self.modes_, origin, holds, self.known_)
 
     @property
     def _holds(self) -> tuple[str, ...]:

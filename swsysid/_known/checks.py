@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -78,27 +78,31 @@ class Fit(Protocol):
     def released(self, region: Region, /) -> Released:
         """What it becomes in another region, to first order."""
 
-    def refitted(self, region: Region, /) -> Fit:
-        """The same fitted in another region."""
+    def log_p_unasked(self, region: Region, number: int, /) -> float:
+        """That of a sentence that says nothing of the modes that were found."""
+
+    def without_one(self, region: Region, doubted: Sequence[int], /) -> tuple[int, Fit]:
+        """The sentence to be given up, of some of which the first is doubted most, and the fit."""
 
 
 def checks(fit: Fit, region: Region) -> tuple[KnownCheck, ...]:
     """One for each sentence, by an F-test of what the fit gains without it.
 
-    What is wrong makes its neighbours look wrong: without the sentence that the data contradict
-    most the fit is made again, before the others are asked.
+    What is wrong makes its neighbours look wrong: one sentence that the data contradict is given
+    up, and the fit made without it, before the others are asked.
     """
     found: dict[int, KnownCheck] = {}
     every = range(len(region.sentences))
+    most = float(np.log(SIGNIFICANCE / len(every)))
     while len(found) < len(every):
         gain = fit.released(region).gain
         asked = {k: _Asked(fit, region, k, gain) for k in every if k not in found}
-        worst = min(asked, key=lambda k: asked[k].log_p)
-        if asked[worst].log_p >= np.log(SIGNIFICANCE / len(every)):
+        doubted = [k for k in asked if asked[k].log_p < most]
+        if not doubted:
             return tuple(found[k] if k in found else asked[k].told() for k in every)
-        region = region.without(worst)
-        fit = fit.refitted(region)
+        worst, fit = fit.without_one(region, sorted(doubted, key=lambda k: asked[k].log_p))
         found[worst] = asked[worst].told(fit)
+        region = region.without(worst).of_modes(len(fit.coef))
     return tuple(found[k] for k in every)
 
 
@@ -107,37 +111,43 @@ class _Asked:
 
     def __init__(self, fit: Fit, region: Region, number: int, gain: float):
         self.fit, self.region, self.number = fit, region, number
-        self.own, less = np.flatnonzero(region.owner == number), region.without(number)
-        self.released = fit.released(less)
+        own, less = region.owner == number, region.without(number)
+        if not own.any():
+            self.log_p = fit.log_p_unasked(region, number)
+            return
+        released = fit.released(less)
         ranks = [one.steps(fit.coef, fit.free).rank for one in (region, less)]
         n_free = max(1, ranks[0] - ranks[1])
-        statistic = 2.0 * max(0.0, self.released.gain - gain) / (n_free * self.released.unit)
-        self.log_p = float(fisher.logsf(statistic, n_free, self.released.n_values))
-        if not region.equal[self.own].all():
+        statistic = 2.0 * max(0.0, released.gain - gain) / (n_free * released.unit)
+        self.log_p = float(fisher.logsf(statistic, n_free, released.n_values))
+        if not region.equal[own].all():
             # missed to one side only; where it is not reached there is nothing to gain
             self.log_p = self.log_p - np.log(2.0) if statistic > 0.0 else 0.0
 
     def told(self, without: Fit | None = None) -> KnownCheck:
         """The answer, with the row that agrees least, by the fit `without` it if it was made."""
-        sentence, rows = str(self.region.sentences[self.number]), self.region.matrix[self.own]
-        forms, covariance = rows[:, self.fit.free], self.released.covariance()
+        fit, sentence = without or self.fit, str(self.region.sentences[self.number])
+        region = self.region.of_modes(len(fit.coef))
+        own = np.flatnonzero(region.owner == self.number)
+        released, rows = fit.released(region.without(self.number)), region.matrix[own]
+        forms, covariance = rows[:, fit.free], released.covariance()
         untold = np.isinf(np.diag(covariance))
         known = np.where(untold[:, None] | untold, 0.0, covariance)
-        variances = np.einsum("rk,kl,rl->r", forms, known, forms) * self.released.unit
+        variances = np.einsum("rk,kl,rl->r", forms, known, forms) * released.unit
         told = ~(forms[:, untold] != 0.0).any(axis=1) & (variances > 0.0)
         if not told.any():
             return KnownCheck(sentence, 1.0, "", np.nan, np.inf, False)
         errors = np.sqrt(np.where(told, variances, np.inf))
-        coef = self.fit.coef + self.released.change if without is None else without.coef
-        moved = np.abs(np.einsum("rmsf,msf->r", rows, coef - self.fit.coef))
-        worst = int((moved / errors).argmax())
-        row = self.region.rows[self.own[worst]]
+        values = np.einsum("rmsf,msf->r", rows, fit.coef + released.change)
+        off = np.abs(values - values.clip(region.lower[own], region.upper[own]))
+        worst = int((off / errors).argmax())
+        row = region.rows[own[worst]]
         scale = row[row != 0.0][0] if (row != 0.0).sum() == 1 else 1.0
         return KnownCheck(
             sentence,
             float(np.exp(self.log_p)),
-            _described(row / scale, self.region.names),
-            float((rows[worst] * coef).sum() / scale),
+            _described(row / scale, region.names),
+            float(values[worst] / scale),
             float(errors[worst] / abs(scale)),
             without is not None,
         )

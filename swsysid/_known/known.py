@@ -121,9 +121,18 @@ class Known:
         """What sentences say; as `from_text`, in a chain."""
         return self._and(*map(read, sentences))
 
-    def region(self, equations: Sequence[str], terms: Sequence[str], n_modes: int) -> Region:
-        """The constraints of the coefficients (n_modes, n_equations, n_terms)."""
-        return Region.of(self.sentences, Names(equations, terms, n_modes))
+    def region(
+        self,
+        equations: Sequence[str],
+        terms: Sequence[str],
+        n_modes: int,
+        left_out: frozenset[int] = frozenset(),
+    ) -> Region:
+        """The constraints of the coefficients (n_modes, n_equations, n_terms).
+
+        Sentences of some numbers may be left out.
+        """
+        return Region.of(self.sentences, Names(equations, terms, n_modes), left_out)
 
     def _and(self, *sentences: Sentence) -> Known:
         return Known((*self.sentences, *sentences))

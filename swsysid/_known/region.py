@@ -32,22 +32,25 @@ class Region:
     upper: Array
     owner: NDArray[np.intp]  # (n_rows,): number of the sentence
     change: Array  # (n_terms, n_terms): coefficients times it are those of the sentences
+    left_out: frozenset[int] = frozenset()  # numbers of sentences that are not held
 
     @classmethod
-    def of(cls, sentences: tuple[Sentence, ...], names: Names) -> Region:
+    def of(
+        cls, sentences: tuple[Sentence, ...], names: Names, left_out: frozenset[int] = frozenset()
+    ) -> Region:
         """That of sentences; ValueError where names are unknown or nothing meets all of them."""
         named = {one for sentence in sentences for one in sentence.named(names)}
         rows: list[Row] = []
         owner: list[int] = []
         for number, sentence in enumerate(sentences):
-            own = list(sentence.rows(names, named))
+            own = [] if number in left_out else list(sentence.rows(names, named))
             rows += own
             owner += [number] * len(own)
         matrix = np.array([row.matrix for row in rows]).reshape(-1, *names.shape)
         lower, upper = np.array([row[1:] for row in rows]).reshape(-1, 2).T
         change = np.eye(len(names.terms))
         numbers = np.array(owner, dtype=np.intp)
-        region = cls(sentences, names, matrix, lower, upper, numbers, change)
+        region = cls(sentences, names, matrix, lower, upper, numbers, change, left_out)
         region.check(np.zeros(names.shape), np.ones(names.shape, dtype=bool))
         return region
 
@@ -56,7 +59,12 @@ class Region:
         if n_modes == self.names.n_modes:
             return self
         names = Names(self.names.equations, self.names.terms, n_modes)
-        return Region.of(self.sentences, names).by(self.change)
+        return Region.of(self.sentences, names, self.left_out).by(self.change)
+
+    @property
+    def whole(self) -> Region:
+        """The same with no sentence left out."""
+        return Region.of(self.sentences, self.names).by(self.change)
 
     def by(self, change: Array) -> Region:
         """The same of coefficients that times `change` (n_terms, n_terms) are these."""
@@ -64,7 +72,8 @@ class Region:
 
     def without(self, sentence: int) -> Region:
         """The same with one sentence less."""
-        return self._of_rows(self.owner != sentence)
+        other = self._of_rows(self.owner != sentence)
+        return replace(other, left_out=self.left_out | {sentence})
 
     def _of_rows(self, some: NDArray[np.bool_]) -> Region:
         return replace(

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._classifier import PolynomialSurfaceClassifier
-from swsysid._known.checks import KnownCheck
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification, counted_as_one
-from swsysid._stays.knowledge import checked
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
@@ -26,7 +24,6 @@ class Certainty:
     surface: Array | None  # (n_surfaces, n_surface_features), in the user's units
     instants: list[Array]  # of every recording
     samples_that_count_as_one: float
-    known: tuple[KnownCheck, ...]
 
 
 def certainty(found: StayIdentification, origin: Origin | None = None) -> Certainty:
@@ -50,7 +47,7 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
     errors = _errors(together * covariance.variances_of_instants)[: sum(counts)]
     instants = np.split(errors, np.cumsum(counts)[:-1])
-    return Certainty(coef, _of_surface(found, together), instants, together, checked(found))
+    return Certainty(coef, _of_surface(found, together), instants, together)
 
 
 def _at_bounds(found: StayIdentification, of_laws: Array, together: float) -> None:

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as fisher
 
 from swsysid._known.checks import KnownCheck, Released, checks
 from swsysid._known.known import Known
 from swsysid._known.region import Region
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
-from swsysid._stays.descent import Reached, descended
+from swsysid._stays.descent import Reached
 from swsysid._stays.equations import NodeEquations
 from swsysid._stays.identification import StayIdentification, counted_as_one
 from swsysid._stays.laws import Laws
 from swsysid._stays.origin import Origin
-from swsysid._stays.samples import misfits
-from swsysid._stays.settings import SETTINGS
+from swsysid._stays.samples import Samples, misfits
+from swsysid._ties import least_of
+from swsysid.metrics._modes import best_matching, contingency
 
 _RIDGE = 1e-9  # of the metric of coefficients: what features do not tell moves least
 
@@ -31,6 +34,7 @@ class Knowledge:
 
     known: Known | None
     origin: Origin
+    left_out: frozenset[int] = frozenset()  # numbers of sentences that are not held
 
     def region(self, model: SwitchingSystemRegressor) -> Region | None:
         """Of the coefficients of a model of columns counted from the origin; None for all."""
@@ -38,7 +42,7 @@ class Knowledge:
             return None
         features, (n_modes, n_states, _) = model.switching_model.feature_map, model.coef_.shape
         equations = features.names_in[:n_states]
-        region = self.known.region(equations, list(features.names_out), n_modes)
+        region = self.known.region(equations, list(features.names_out), n_modes, self.left_out)
         return region.by(self.origin.change(features)) if self.origin.moves else region
 
     def check(self, model: SwitchingSystemRegressor, possible: NDArray[np.bool_]) -> None:
@@ -73,14 +77,24 @@ def placed(laws: Laws, columns: Array) -> Laws:
     return replace(laws, coef=laws.region.nearest(laws.coef, laws.free, metric))
 
 
-def checked(found: StayIdentification) -> tuple[KnownCheck, ...]:
+class Again:
+    """Identifications with some of the sentences left out, each made once."""
+
+    def __init__(self, identified: Callable[[frozenset[int]], StayIdentification], asked: object):
+        self._identified, self.asked = identified, asked  # number of modes asked for
+        self._done: dict[frozenset[int], Reached] = {}
+
+    def __call__(self, left_out: frozenset[int]) -> Reached:
+        """What is most likely without some of the sentences."""
+        if left_out not in self._done:
+            self._done[left_out] = self._identified(left_out).reached
+        return self._done[left_out]
+
+
+def checked(found: StayIdentification, again: Again) -> tuple[KnownCheck, ...]:
     """What the recordings would rather have, for each thing known, and how surely."""
-    laws = found.estimate.laws
-    if laws.region is None:
-        return ()
-    wide = replace(laws, free=laws.free | laws.region.touched)
-    estimate = replace(found.estimate, laws=wide)
-    return checks(_StayFit(replace(found.reached, estimate=estimate)), laws.region)
+    region = found.estimate.laws.region
+    return () if region is None else checks(_StayFit.of(found.reached, again), region)
 
 
 @dataclass(frozen=True)
@@ -88,6 +102,15 @@ class _StayFit:
     """The most likely estimate, all coefficients free of which anything is known."""
 
     reached: Reached
+    again: Again
+
+    @classmethod
+    def of(cls, reached: Reached, again: Again) -> _StayFit:
+        """That of what an identification has reached."""
+        laws = reached.estimate.laws
+        assert laws.region is not None
+        laws = replace(laws, free=laws.free | laws.region.whole.touched)
+        return cls(replace(reached, estimate=replace(reached.estimate, laws=laws)), again)
 
     @property
     def coef(self) -> Array:
@@ -114,11 +137,11 @@ class _StayFit:
 
     def released(self, region: Region) -> Released:
         """By the step of Gauss and Newton, with the noise that is left after it."""
-        other, equations = self._of(region), copy(self._equations)
-        laws = other.reached.estimate.laws
+        laws = replace(self.reached.estimate.laws, region=region)
+        other, equations = replace(self.reached.estimate, laws=laws), copy(self._equations)
         equations.steps = laws.steps
         step, gain = equations.step(0.0)
-        moved = _StayFit(replace(self.reached, estimate=other.reached.estimate.moved(step)))
+        moved = replace(self, reached=replace(self.reached, estimate=other.moved(step)))
         change = np.zeros(laws.coef.shape)
         change[laws.places] = step[: len(laws.places[0])]
         unit, as_one = min(self.unit, moved.unit)
@@ -126,16 +149,39 @@ class _StayFit:
             change, gain, unit * as_one, self._freedom / as_one, lambda: _of_laws(equations)
         )
 
-    def refitted(self, region: Region) -> _StayFit:
-        """By a descent from here, its stays as they are."""
-        estimate, objective = self._of(region).reached.estimate, self.reached.objective
-        n_turns = SETTINGS.ties[-1][1]
-        estimate, value = descended(estimate, objective, n_turns, SETTINGS)
-        return _StayFit(Reached(estimate, objective, value))
+    def log_p_unasked(self, region: Region, number: int) -> float:
+        """By the likelihood of an identification without a sentence that left too few modes."""
+        asked = self.again.asked
+        if asked == "auto" or len(self.coef) >= int(str(asked)):
+            return 0.0
+        other = self._named(self.again(region.without(number).left_out))
+        gain = self.reached.with_noise(other.reached.noise).value - other.reached.value
+        n_free = max(1.0, other.reached.n_unknowns - self.reached.n_unknowns)
+        unit, as_one = other.unit
+        statistic = 2.0 * max(0.0, gain) / (n_free * unit * as_one)
+        return float(fisher.logsf(statistic, n_free, self._freedom / as_one))
 
-    def _of(self, region: Region) -> _StayFit:
-        laws = replace(self.reached.estimate.laws, region=region)
-        return _StayFit(replace(self.reached, estimate=replace(self.reached.estimate, laws=laws)))
+    def without_one(self, region: Region, doubted: Sequence[int]) -> tuple[int, _StayFit]:
+        """The one without which an identification is most likely for what it leaves free."""
+        tried = {k: self.again(region.without(k).left_out) for k in doubted}
+        noise = np.min([one.noise for one in tried.values()], axis=0)
+        price = 0.5 * np.log(max(2.0, self._freedom))
+        best = least_of(
+            list(tried),
+            lambda k: tried[k].with_noise(noise).value + price * tried[k].n_unknowns,
+        )
+        return best, self._named(tried[best])
+
+    def _named(self, reached: Reached) -> _StayFit:
+        """What was reached without a sentence, its modes named as these are."""
+        n_modes = len(self.coef)
+        if len(reached.estimate.laws.coef) == n_modes:  # integrated in other steps, perhaps
+            both = [Samples.of(one.estimate).modes for one in (reached, self.reached)]
+            beside = (both[0] < n_modes) & (both[1] < n_modes)  # no slides
+            joint = contingency(both[0][beside], both[1][beside], shape=(n_modes, n_modes))
+            estimate = reached.estimate.renamed(best_matching(joint)[1])
+            reached = replace(reached, estimate=estimate)
+        return _StayFit.of(reached, self.again)
 
 
 def _of_laws(equations: NodeEquations) -> Array:

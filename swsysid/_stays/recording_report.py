@@ -139,6 +139,7 @@ def reported(
     modes: NDArray[np.intp],
     origin: Origin,
     holds: Sequence[Hold] = (),
+    known: tuple[KnownCheck, ...] = (),
 ) -> RecordingReport:
     """What was found, with how certain it is, and what free rollouts say of it.
 
@@ -174,7 +175,7 @@ def reported(
         rollouts=rollouts,
         doubts=tuple(doubts),
         advice=advice_of(left.excess, channels, together, rollouts),
-        known=sure.known,
+        known=known,
     )
 
 

@@ -116,6 +116,12 @@ class Search:
         self._by_stretch: dict[float, Differentiated] = {}
         self._by_count: dict[object, tuple[SwitchingSystemRegressor, NDArray[np.bool_]]] = {}
 
+    def without(self, left_out: frozenset[int], found: StayIdentification) -> Search:
+        """One that begins with an answer, some sentences of what is known left out."""
+        knowledge = replace(self.knowledge, left_out=left_out)
+        options = self.settings, self.told, self.surfaces, found, knowledge
+        return Search(self.estimator, self.given, self.order, None, *options)
+
     def identified(self) -> StayIdentification:
         """The most likely laws, modes and surface."""
         exact = self.by_intervals() if self.is_exact else None

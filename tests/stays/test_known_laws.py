@@ -95,11 +95,25 @@ def test_the_error_of_a_coefficient_on_its_bound_is_that_without_it():
 
 
 def test_what_is_wrong_is_found_and_its_neighbours_are_not_blamed():
-    found = identified(softer(), ["x' = v", "v'[1] = 0", "v'[v] = -0.105"])
-    law, constant, damping = found.known_
-    assert damping.questioned and not law.questioned and not constant.questioned
+    found = identified(softer(), ["x' = v", "v'[v] = -0.105"])
+    law, damping = found.known_
+    assert damping.questioned and not law.questioned
     assert damping.value == pytest.approx(-0.1, abs=5.0 * damping.error)
     assert "the data would rather have v'[v]" in str(found.report_)
+
+
+def test_a_tie_that_leaves_one_mode_is_found():
+    plant = StatedModel(
+        None, [[[0, 1], [-1, -0.1]], [[0, 1], [-1, -0.5]]],
+        states=["x", "v"], surface=StatedSurface([[0, 1, 0]], 1),
+    )  # fmt: skip
+    found = identified(
+        recordings(plant, ([3, 1], [-4, 0], [2, -3])), ["x' = v", "v' same in all modes"]
+    )
+    assert found.n_modes_ == 1
+    law, tie = found.known_
+    assert tie.questioned and not law.questioned
+    assert abs(tie.value) == pytest.approx(0.4, abs=5.0 * tie.error)
 
 
 def test_columns_far_from_zero_change_nothing():
