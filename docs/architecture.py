@@ -43,7 +43,7 @@ STOREYS = [
         "refinement weak_form _automaton _simulation",
     ),
     ("Identification", "_identification _seeding"),
-    ("Convex programs", "_classifier _surfaces relaxations _losses _solvers"),
+    ("Convex programs", "_classifier _surfaces relaxations _losses _solvers _known"),
     ("Measurements", "metrics differentiation _tables _data"),
     ("Foundations", "_noise _whole_or_nothing _ties _results _rendering _checks"),
 ]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from swsysid._classifier import PolynomialSurfaceClassifier
     from swsysid._data.features import FunctionLibrary
     from swsysid._effect_regressor import EffectRegressor
+    from swsysid._known.known import Known
     from swsysid._pipelines import ModePipeline
     from swsysid._regressor import SwitchingSystemRegressor
     from swsysid._results import (
@@ -47,6 +48,7 @@ __all__ = [
     "HybridAutomaton",
     "HybridAutomatonRegressor",
     "IdentificationWarning",
+    "Known",
     "MisfitWarning",
     "ModePipeline",
     "MomentRelaxation",
@@ -74,6 +76,7 @@ _HOMES = {
         "_automaton_regressor": "HybridAutomatonRegressor",
         "_classifier": "PolynomialSurfaceClassifier",
         "_data.features": "FunctionLibrary",
+        "_known.known": "Known",
         "_effect_regressor": "EffectRegressor",
         "_pipelines": "ModePipeline",
         "_regressor": "SwitchingSystemRegressor",

@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
 from swsysid._data.many_recordings import many_recordings
+from swsysid._known.known import check_known
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
@@ -19,6 +20,7 @@ from swsysid._stays.condensed import Total, length_of, of_all
 from swsysid._stays.given import Given, read_given, warn_of_turns
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.input_holds import hold_sentences, holds_of
+from swsysid._stays.knowledge import Again, Knowledge, checked
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
 from swsysid._stays.recording_report import reported
@@ -63,6 +65,9 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         speeds, and the library needs every speed as a column.
     observed : sequence of str or int, default=None
         States that are measured. None means all; hidden states are refused with what to do.
+    known : Known or list of str, default=None
+        What is known of the laws before: values, missing terms, bounds, ties between modes, linear
+        relations. It holds exactly, and `known_` says what the recordings would rather have.
     refine : bool, default=True
         Whole recordings are rolled out from one start. False ties every sample to the one before
         within 0.4 of the noise, and judges rollouts over stretches of some 30 samples: for chaotic
@@ -97,7 +102,10 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         What each input does between two samples, as `input_hold`.
     coef_errors_ : ndarray of the shape of ``estimator_.coef_``
         Standard errors of the coefficients of the laws; 0 where fixed, infinite where the
-        recordings tell nothing (rate and constant of a mode that rests).
+        recordings tell nothing (rate and constant of a mode that rests). Of a coefficient on a
+        bound it is that without the bound, to whose other side the interval does not reach.
+    known_ : tuple of KnownCheck
+        For each thing `known` what the recordings would rather have, with its p-value.
     surface_errors_ : ndarray of the shape of ``estimator_.surface_.coef_`` or None
         Standard errors of the coefficients of the surfaces, the largest of each held; None for
         one mode and for a classifier without coefficients.
@@ -157,6 +165,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         *,
         order=1,
         observed=None,
+        known=None,
         refine=True,
         input_hold="auto",
         n_jobs=None,
@@ -166,6 +175,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         self.estimator = estimator
         self.order = order
         self.observed = observed
+        self.known = known
         self.refine = refine
         self.input_hold = input_hold
         self.n_jobs = n_jobs
@@ -203,9 +213,12 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
             If a parameter or the data make no sense; the message says what to do.
         """
         order, estimator = check_order(self.order), check_estimator(self.estimator)
+        known = check_known(self.known)
         many = many_recordings(x, self.n_jobs)
         if many is not None and any(one is not None for one in (t, groups, inputs)):
             raise ValueError("recordings have times and inputs; leave out t, groups and inputs.")
+        if many is not None and known is not None:
+            raise ValueError("known is held in recordings at hand; leave it out, or give lists.")
         if many is not None:
             x = many.some(_OF_MANY, length_of)
         given = read_given(x, t, groups, inputs)
@@ -217,12 +230,22 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
             holds = holds_of(given, estimator, order, self.input_hold, settings)
             origin = Origin.of(given, estimator, order)
             counted = origin.counted(pieces.given).stepped(holds)
-            search = Search(estimator, counted, order, self.observed, settings, bar.update)
+            options = settings, bar.update
+            search = Search(
+                estimator, counted, order, self.observed, *options,
+                knowledge=Knowledge(known, origin),
+            )  # fmt: skip
             found, total = search.identified(), None
             if many is None:
                 found = weighted(found, search, origin)
             else:
-                found, total = of_all(found, many, origin, holds, order, settings, bar.update)
+                found, total = of_all(found, many, origin, holds, order, *options)
+
+            def again(left_out: frozenset[int]) -> StayIdentification:
+                other = search.without(left_out, found)
+                return weighted(other.identified(), other, origin)
+
+            self.known_ = checked(found, Again(again, estimator.n_modes))
             found = origin.told(found)
         self._keep(given if total is None else None)
         self.input_holds_ = tuple(map(str, holds))
@@ -311,7 +334,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
         names = found.model.switching_model.feature_map.names_in
         held = hold_sentences(names, self.input_holds_, given)
-        self.report_ = reported(search, found, sure, self.modes_, origin, held)
+        self.report_ = reported(search, found, sure, self.modes_, origin, held, self.known_)
 
     def _store_all(self, total: Total) -> None:
         """What all of many recordings say, of some of which everything else is known."""

@@ -20,6 +20,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.report import AutomatonReport
 from swsysid._identification.number_of_modes import ModeCandidate
 from swsysid._identification.terms import SurfaceCandidate
+from swsysid._known.checks import KnownCheck
 from swsysid._results import (
     Assignment,
     IterationRecord,
@@ -46,6 +47,7 @@ __all__ = [
     "FirstModes",
     "FitCertificate",
     "IterationRecord",
+    "KnownCheck",
     "MarginCertificate",
     "MipResult",
     "ModeCandidate",

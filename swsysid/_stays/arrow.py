@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 
+from swsysid._known.program import Steps
 from swsysid._results import Array
 from swsysid._stays.settings import LIMITS
 
@@ -56,15 +57,19 @@ class Arrow:
         corner = self.corner * unit[:, None] * unit
         return replace(self, border=self.border * unit, corner=corner)
 
-    def factor(self, damping: float = 0.0, least: Array | float = 0.0) -> Factor:
+    def factor(
+        self, damping: float = 0.0, least: Array | float = 0.0, within: Steps | None = None
+    ) -> Factor:
         """What systems are solved by; LinAlgError where the matrix is not positive.
 
-        The diagonal of S grows by a share of its own, and by what it has at least.
+        The diagonal of S grows by a share of its own, and by what it has at least. Where z must be
+        `within` some steps, a solution is the least of the quadratic form among these.
         """
         (band, reached, _), schur = self._eliminated, self.schur.copy()
         more = damping * np.maximum(np.diag(schur), 0.0) + least
         schur[np.diag_indices_from(schur)] += more
-        return Factor(band, self.border, reached, cho_factor(schur, check_finite=False), more)
+        corner = Corner(schur) if within is None else CornerWithin(schur, within)
+        return Factor(band, self.border, reached, corner, more)
 
     @property
     def schur(self) -> Array:
@@ -91,20 +96,20 @@ class Factor:
     band: Array  # lower factor of B
     border: Array
     reached: Array  # B^-1 E
-    corner: tuple[Array, bool]  # factor of S
+    corner: Corner  # S
     more: Array  # what was added to the diagonal of S
 
     def solve(self, right: Array) -> Array:
         """The solution of one system."""
         b, d = np.split(right, [len(self.border)])
         x = cho_solve_banded((self.band, True), b, check_finite=False)
-        z = self._over_corner(d - self.border.T @ x)
+        z = self.corner.solve(d - self.border.T @ x)
         return np.append(x - self.reached @ z, z)
 
     @property
     def inverse_of_corner(self) -> Array:
         """The corner of the inverse."""
-        return self._over_corner(np.eye(self.border.shape[1]))
+        return self.corner.over(np.eye(self.border.shape[1]))
 
     def quadratic_form(self, places: NDArray[np.intp], own: Array, shared: Array) -> Array:
         """V' A^-1 v of some vectors v (n_vectors,).
@@ -118,15 +123,46 @@ class Factor:
             b[places[some].T, np.arange(len(some))] = own[some].T
             x = cho_solve_banded((self.band, True), b, check_finite=False)
             left = shared[some].T - self.border.T @ x
-            forms[some] = (b * x).sum(axis=0) + (left * self._over_corner(left)).sum(axis=0)
+            forms[some] = (b * x).sum(axis=0) + (left * self.corner.over(left)).sum(axis=0)
         return forms
 
-    def _over_corner(self, right: Array) -> Array:
+
+class Corner:
+    """What S says of the unknowns in the corner."""
+
+    def __init__(self, matrix: Array):
+        self._factor = cho_factor(matrix, check_finite=False)
+
+    def over(self, right: Array) -> Array:
         """S^-1 times a vector or a matrix."""
         # SciPy before 1.14 refuses systems without unknowns, those of a matrix without corner.
         if not right.size:
             return right
-        return np.asarray(cho_solve(self.corner, right, check_finite=False))
+        return np.asarray(cho_solve(self._factor, right, check_finite=False))
+
+    def solve(self, right: Array) -> Array:
+        """The solution of S z = right."""
+        return self.over(right)
+
+
+class CornerWithin(Corner):
+    """The same, z within some steps."""
+
+    def __init__(self, matrix: Array, steps: Steps):
+        super().__init__(matrix)
+        self._matrix, self._steps = matrix, steps
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return self._steps.inverse(self._matrix)
+
+    def over(self, right: Array) -> Array:
+        """What the equalities leave of S^-1, times a vector or a matrix."""
+        return np.asarray(self._inverse @ right)
+
+    def solve(self, right: Array) -> Array:
+        """The least z' S z / 2 - right' z of the steps."""
+        return self._steps.least(self._matrix, right)
 
 
 def covariance_of(information: Array) -> Array:

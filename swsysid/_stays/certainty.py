@@ -13,6 +13,7 @@ from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification, counted_as_one
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
+from swsysid._stays.settings import LIMITS
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     of_laws[np.diag_indices(laws.n_free)] = np.where(
         covariance.untold_laws, np.inf, np.diag(of_laws)
     )
+    if laws.region is not None:
+        _at_bounds(found, of_laws, together)
     coef = errors_of(laws.coef.shape, laws.places, of_laws, change)
     coef[_held(found, origin)[:, None, :] & (coef > 0.0)] = np.inf
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
@@ -46,6 +49,17 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     instants = np.split(errors, np.cumsum(counts)[:-1])
     of_surface = surface_errors(found, together * covariance.of_guards)
     return Certainty(coef, of_surface, instants, together)
+
+
+def _at_bounds(found: StayIdentification, of_laws: Array, together: float) -> None:
+    """Give coefficients on a bound, which none moves, the variance that they have without it."""
+    estimate = found.estimate
+    equations = found.reached.objective.normal_equations(estimate)
+    assert equations.steps is not None
+    equations.steps = equations.steps.without_bounds
+    alone = together * np.diag(equations.covariance().of_laws)
+    held = np.flatnonzero(np.diag(of_laws) <= LIMITS.exactly**2 * alone)
+    of_laws[held, held] = alone[held]
 
 
 def _held(found: StayIdentification, origin: Origin | None) -> NDArray[np.bool_]:

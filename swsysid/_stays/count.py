@@ -58,7 +58,7 @@ def criterion(n_modes: int, found: StayIdentification, as_one: float = 1.0) -> C
     count, misfit = _misfit(found)
     n_switches = len(estimate.nodes.instants)
     n_guards = n_switches if estimate.guards is None else estimate.guards.n_free
-    k = estimate.laws.n_free + (n_guards if len(estimate.laws.coef) > 1 else 0)
+    k = estimate.laws.n_told + (n_guards if len(estimate.laws.coef) > 1 else 0)
     k += left.shape[1] * (left.shape[2] + 1)  # where and when recordings begin
     value = misfit / as_one + 0.5 * k * float(np.log(max(2.0, count / as_one)))
     if estimate.guards is None:

@@ -83,7 +83,7 @@ class Reached:
         of_guards = 0 if estimate.guards is None else estimate.guards.n_free
         told = self.objective.n_states_told(estimate.nodes)
         n_instants = len(estimate.nodes.intervals_of_instants)
-        return estimate.laws.n_free + n_instants + of_guards + told
+        return estimate.laws.freedom + n_instants + of_guards + told
 
 
 def most_likely(

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
 
+from swsysid._known.program import Steps
 from swsysid._results import Array
 from swsysid._stays.arrow import Arrow, Factor
 from swsysid._stays.flow import Legs
@@ -51,6 +52,7 @@ class NodeEquations:
     kept: NDArray[np.bool_]  # (n_nodes,): those that are not inside of a segment
     since: Rows  # numbers of the switches since which a clock runs that tells another one
     hold: float  # what holds an instant where it is
+    steps: Steps | None = None  # of the coefficients of laws, that are allowed
     value: float = 0.0
     of_samples: Array = field(init=False)  # (n_states, n_nodes): diagonal of the samples
     right_of_samples: Array = field(init=False)  # likewise
@@ -195,7 +197,8 @@ class NodeEquations:
         least[self.n_shared :] += self.hold * (1.0 + damping)
         try:
             matrix, right, turns = self._reduced(self.hold * (1.0 + damping), damping)
-            factor = matrix.factor(damping, least)
+            within = None if self.steps is None else self.steps.padded(len(self.corner))
+            factor = matrix.factor(damping, least, within)
         except LinAlgError:  # not positive by rounding, or not finite
             return np.zeros(self._n_unknowns), 0.0
         nodes, corner = np.split(factor.solve(right), [len(right) - len(self.corner)])
@@ -239,7 +242,7 @@ class NodeEquations:
         while True:
             try:
                 matrix = self._reduced(hold, held)[0]
-                factor = matrix.in_units(unit).factor(least=held)
+                factor = matrix.in_units(unit).factor(least=held, within=self._at_bounds(unit))
                 return Covariance(
                     factor, unit, held, self.n_laws, self.n_guards, self.place[self.at], self.own,
                     self.shared, self.stiffness + hold, self.since,
@@ -248,6 +251,13 @@ class NodeEquations:
                 if held > 1.0:
                     raise
                 held *= _MORE_ROUNDING
+
+    def _at_bounds(self, unit: Array) -> Steps | None:
+        """Steps in some units that change no equality and leave no bound."""
+        if self.steps is None:
+            return None
+        own = self.steps.at_bounds(self.corner[: self.n_laws, : self.n_laws])
+        return own.padded(len(unit)).in_units(unit)
 
     def _reduced(
         self, hold: float, of_nodes: float

@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._known.region import Region
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import (
@@ -31,6 +32,7 @@ from swsysid._stays.assign import (
 from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord, leaves_noise, noise_of
+from swsysid._stays.knowledge import placed
 from swsysid._stays.lifted import Estimate, recombined
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.nodes import Nodes
@@ -40,12 +42,7 @@ from swsysid._stays.retold import Turns, retold, with_visits, without_visits
 from swsysid._stays.samples import intervals_of, misfits, named_as, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
-from swsysid._stays.surfaces import (
-    on_present_modes,
-    on_surface,
-    with_few_monomials,
-    with_surface,
-)
+from swsysid._stays.surfaces import on_present_modes, on_surface, with_few_monomials, with_surface
 from swsysid._ties import least_of
 
 
@@ -53,9 +50,9 @@ class Alternation:
     """Assign, estimate, refit the surface, from one fitted estimator.
 
     Between two rounds it knows laws, rough states, the prior of the modes and the noise.
-    `noise` are standard deviations of the states; `free` are the coefficients that are sought,
-    all by default; `names` are those of states and inputs, if they have any. `known` is an answer
-    to a part of the recordings.
+    `noise` are standard deviations of the states; `free` are the coefficients that are sought, all
+    by default, in a `region`; `names` are those of states and inputs, if they have any. `known` is
+    an answer to a part of the recordings.
     """
 
     def __init__(
@@ -69,6 +66,7 @@ class Alternation:
         names: list[str] | None = None,
         surfaces: bool = True,
         known: StayIdentification | None = None,
+        region: Region | None = None,
     ):
         self.start, self.names, self.surfaces = start, names, surfaces
         self.settings, self.exactly = settings.roughly(), settings
@@ -77,7 +75,8 @@ class Alternation:
         spread = np.where(spread > 0.0, spread, 1.0)
         free = np.ones(start.coef_.shape, dtype=bool) if free is None else free
         system = start.switching_model
-        self.laws = laws_of(start.coef_, system.feature_map, spread, free)
+        laws = replace(laws_of(start.coef_, system.feature_map, spread, free), region=region)
+        self.laws = placed(laws, recordings.columns)
         recordings = in_exact_steps(recordings, self.laws, noise, settings)
         self.recordings = recordings
         self.disturbances = disturbances(self.laws, recordings, settings)

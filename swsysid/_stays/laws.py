@@ -19,6 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._known.program import Steps
+from swsysid._known.region import Region
 from swsysid._results import Array
 from swsysid._stays.settings import LIMITS
 
@@ -54,6 +56,7 @@ class Laws:
     inside: tuple[Features, ...] = field(default=(), kw_only=True)
     shapes: tuple[Shape, ...] = field(default=(), kw_only=True)
     bounds: tuple[Bound, ...] = field(default=(), kw_only=True)
+    region: Region | None = field(default=None, kw_only=True)  # of coefficients, as is known
 
     @cached_property
     def places(self) -> tuple[Modes, Modes, Modes]:
@@ -63,7 +66,38 @@ class Laws:
 
     def known(self) -> Laws:
         """The same laws with no coefficient free."""
-        return replace(self, free=np.zeros_like(self.free), inside=())
+        return replace(self, free=np.zeros_like(self.free), inside=(), region=None)
+
+    def taken(self, modes: Modes) -> Laws:
+        """Those of some modes, in another order."""
+        region = None if self.region is None else self.region.of_modes(len(modes))
+        return replace(self, coef=self.coef[modes], free=self.free[modes], region=region)
+
+    def moved(self, step: Array) -> Laws:
+        """The laws after a step of their unknowns, those inside of features left as they are."""
+        coef = self.coef.copy()
+        coef[self.places] += step[: len(self.places[0])]
+        return replace(self, coef=coef if self.region is None else coef.clip(*self.region.box))
+
+    @property
+    def steps(self) -> Steps | None:
+        """The steps of their unknowns that are allowed by what is known; None for all."""
+        return None if self.region is None else self.region.steps(self.coef, self.free)
+
+    @property
+    def freedom(self) -> int:
+        """Number of unknowns that are not told by others."""
+        steps = self.steps
+        return self.n_free if steps is None else self.n_free - steps.rank
+
+    @property
+    def n_told(self) -> int:
+        """Number of coefficients that say what the laws are, those included that are known.
+
+        A mode of few samples would else cost nothing where most of its law is known.
+        """
+        given = 0 if self.region is None else int((self.region.fixed[0] & (self.coef != 0.0)).sum())
+        return self.freedom + given
 
     @property
     def leaps(self) -> bool:

@@ -72,17 +72,15 @@ class Estimate:
         nodes = self.nodes.with_stays(
             [replace(one, modes=names[one.modes]) for one in self.nodes.stays]
         )
-        laws = replace(self.laws, coef=self.laws.coef[order], free=self.laws.free[order])
         guards = self.guards
         if guards is not None:
             guards = replace(guards, mode_book=guards.mode_book[order])
-        return replace(self, laws=laws, nodes=nodes, guards=guards)
+        return replace(self, laws=self.laws.taken(order), nodes=nodes, guards=guards)
 
     def only(self, modes: Rows) -> Estimate:
         """The same with some of the modes."""
         nodes = self.nodes.with_stays([stays.only(modes) for stays in self.nodes.stays])
-        laws = replace(self.laws, coef=self.laws.coef[modes], free=self.laws.free[modes])
-        return Estimate(laws, nodes, self.states)
+        return Estimate(self.laws.taken(modes), nodes, self.states)
 
     @property
     def crossings(self) -> Crossings:
@@ -121,14 +119,12 @@ class Estimate:
         of_laws, of_states, of_instants, of_steps, of_guards, of_resets = np.split(
             step, np.cumsum([n_free, size, n_instants, n_steps, n_guards])
         )
-        coef = self.laws.coef.copy()
-        coef[self.laws.places] += of_laws
         farthest = _FARTHEST_MOVE * self.nodes.recordings.interval
         nodes, later = self.nodes.stepped(of_steps)
         nodes = nodes.moved(nodes.instants + np.clip(of_instants, -farthest, farthest))
         moved = replace(
             self,
-            laws=replace(self.laws, coef=coef),
+            laws=self.laws.moved(of_laws),
             nodes=nodes,
             states=self.states + of_states.reshape(self.states.shape) + self._going_on(later),
             guards=None if self.guards is None else self.guards.moved(of_guards),
@@ -248,6 +244,7 @@ class Objective:
             # half a nat for an interval: where the velocity is the same on both sides the data do
             # not say when a recording switches
             hold=nodes.recordings.interval**-2.0,
+            steps=estimate.laws.steps,
         )
         equations.add_samples(*self._misfit(estimate))
         weights = self._weights(nodes)

@@ -52,7 +52,7 @@ class Pair:
         change = (laws.coef[second] - laws.coef[first])[both]
         of_own, of_both = covariance[np.ix_(own, own)], covariance[np.ix_(own, other)]
         of_change = of_own + covariance[np.ix_(other, other)] - of_both - of_both.T
-        unit = np.sqrt(np.diag(of_change))
+        unit = np.sqrt(np.maximum(np.diag(of_change), np.finfo(float).tiny))
         scaled = of_change / (unit[:, None] * unit) + LIMITS.rounding * np.eye(len(unit))
         told = np.linalg.solve(scaled, change / unit) / unit
         law = np.where(laws.free[first], laws.coef[first], laws.coef[second])

@@ -17,6 +17,8 @@ from swsysid._results import Array
 from swsysid._stays.descent import most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.knowledge import placed
+from swsysid._stays.samples import Samples
 from swsysid._stays.settings import StaySettings
 
 
@@ -75,12 +77,16 @@ def with_few_terms(
     for _ in range(settings.most_rounds):
         laws = found.estimate.laws
         kept = _kept(found, sparsity)
+        if laws.region is not None:
+            kept |= laws.region.told_apart[laws.places]
         if kept.all():
             break
         free = laws.free.copy()
         free[laws.places] = kept
         coef = np.where(free | ~laws.free, laws.coef, 0.0)
-        estimate = replace(found.estimate, laws=replace(laws, coef=coef, free=free))
+        columns = Samples.of(found.estimate).columns
+        own = placed(replace(laws, coef=coef, free=free), columns)
+        estimate = replace(found.estimate, laws=own)
         reached = most_likely_with_guards(estimate, found.reached.noise, settings)
         found = replace(found, reached=reached)
     found.model.coef_ = found.estimate.laws.coef

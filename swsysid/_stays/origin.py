@@ -81,7 +81,8 @@ class Origin:
         counted = Samples.of(found.estimate).columns
         columns = counted + self.offset
         other.use_features(FeatureMap(other.feature_library, columns, features.names_in))
-        here, there = found.model.mode_velocities(counted), other.mode_velocities(columns)
+        here = found.model.switching_model.velocities(counted)
+        there = other.switching_model.velocities(columns)
         if (np.abs(there - here).max(axis=(0, 1)) > _LOST * here.std(axis=(0, 1))).any():
             warnings.warn(
                 "columns lie so far from zero that double precision does not hold the coefficients "

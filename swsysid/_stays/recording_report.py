@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._free_rollouts.judge import Break, FreeRollouts
+from swsysid._known.checks import KnownCheck
 from swsysid._rendering.printing import counted, determined, sum_with_errors
 from swsysid._results import Array
 from swsysid._stays.certainty import Certainty
@@ -49,6 +50,8 @@ class RecordingReport:
         What the recordings do not tell, or tell otherwise than asked: a sentence each.
     advice : str
         What to do about it.
+    known : tuple of KnownCheck
+        What the recordings would rather have, for each thing that was known.
     """
 
     n_recordings: int
@@ -65,6 +68,7 @@ class RecordingReport:
     rollouts: FreeRollouts
     doubts: tuple[str, ...]
     advice: str
+    known: tuple[KnownCheck, ...] = ()
 
     def __str__(self) -> str:
         n_modes = len(self.shares)
@@ -82,6 +86,7 @@ class RecordingReport:
         lines = [head, *self.laws, *self.surfaces]
         if n_modes > 1:
             lines.append(f"Samples: {lived}.")
+        lines += [f"Known: {one}." for one in self.known]
         lines += [f"Rollouts leave: {noise}.", self.rollouts.sentence(), *self.doubts]
         return "\n".join([*lines, self.advice])
 
@@ -132,6 +137,7 @@ def reported(
     modes: NDArray[np.intp],
     origin: Origin,
     held: Iterable[str] = (),
+    known: tuple[KnownCheck, ...] = (),
 ) -> RecordingReport:
     """What was found, with how certain it is, and what free rollouts say of it.
 
@@ -168,6 +174,7 @@ def reported(
         rollouts=rollouts,
         doubts=tuple(doubts),
         advice=advice_of(left.excess, channels, together, rollouts),
+        known=known,
     )
 
 

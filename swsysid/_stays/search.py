@@ -29,6 +29,7 @@ from swsysid._stays.intervals import (
     usual_miss,
     without_equal,
 )
+from swsysid._stays.knowledge import NOTHING, Knowledge
 from swsysid._stays.laws import Laws
 from swsysid._stays.merged import closest, grown, merged
 from swsysid._stays.monomials import with_few_terms
@@ -36,7 +37,14 @@ from swsysid._stays.pieces import part_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS, StaySettings
-from swsysid._stays.start import Differentiated, differentiated, in_these, of_their_own, start_from
+from swsysid._stays.start import (
+    Differentiated,
+    differentiated,
+    in_these,
+    law_of_positions,
+    of_their_own,
+    start_from,
+)
 from swsysid._stays.stays import Stays
 from swsysid._ties import least_of
 
@@ -82,7 +90,10 @@ class ExactStart:
 
 
 class Search:
-    """One search; `told` is called now and then, to show that it goes on."""
+    """One search; `told` is called now and then, to show that it goes on.
+
+    `knowledge` is what the user knows of the laws.
+    """
 
     def __init__(
         self,
@@ -93,14 +104,22 @@ class Search:
         settings: StaySettings,
         told: Callable[[], object],
         surfaces: bool = True,
+        knowledge: Knowledge = NOTHING,
     ):
         check_channels(given)
         check_observed(observed, given)
         self.estimator, self.given, self.order = estimator, given, order
         self.settings, self.told, self.surfaces = settings, told, surfaces
+        self.knowledge = knowledge
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
         self._by_count: dict[object, tuple[SwitchingSystemRegressor, NDArray[np.bool_]]] = {}
+
+    def without(self, left_out: frozenset[int], found: StayIdentification) -> Search:
+        """One that begins with an answer, some sentences of what is known left out."""
+        knowledge = replace(self.knowledge, left_out=left_out)
+        options = self.settings, self.told, self.surfaces, found, knowledge
+        return Search(self.estimator, self.given, self.order, None, *options)
 
     def identified(self) -> StayIdentification:
         """The most likely laws, modes and surface."""
@@ -195,7 +214,8 @@ class Search:
             return found
         n_values = np.isfinite(found.estimate.nodes.y).sum()
         pair = closest(found)
-        if pair.cost > 0.5 * np.log(max(2, n_values)) * laws.free[pair.second].sum():
+        saved = laws.freedom - laws.taken(np.delete(np.arange(n_modes), pair.second)).freedom
+        if pair.cost > 0.5 * np.log(max(2, n_values)) * saved:
             return found
         both = {n_modes: found, n_modes - 1: self.with_modes(n_modes - 1)}
         return both[least_of(both, lambda n: criterion(n, both[n]).criterion)]
@@ -218,7 +238,7 @@ class Search:
         windows, recordings = set(), self.base.recordings
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
         if (part := part_of(self.given)) is not None:
-            options = self.settings, self.told, self.surfaces
+            options = self.settings, self.told, self.surfaces, self.knowledge
             known = Search(self.estimator, part, self.order, None, *options).with_modes(n_modes)
             # stretches may be too short to show all modes
             if len(known.estimate.laws.coef) == n_modes:
@@ -329,14 +349,16 @@ class Search:
     ) -> tuple[SwitchingSystemRegressor, NDArray[np.bool_]]:
         """The estimator fitted to derivatives, and which of its coefficients are sought."""
         start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
-        start.coef_, free = self._law_of_positions(start, base)
+        n_positions = self.given.n_channels if self.order == 2 else 0
+        start.coef_, possible = law_of_positions(start, base, n_positions)
+        self.knowledge.check(start, possible)
         # at the samples: a filter makes of a square of a 0/1 input something of its own
         features = start.switching_model.feature_map(base.recordings.columns)
         own = of_their_own(features)
-        start.coef_, free = in_these(start.coef_, features, own), free & own
+        start.coef_, free = in_these(start.coef_, features, own), possible & own
         if self.estimator.sparsity is not None:
             free &= start.coef_ != 0.0
-        return start, free
+        return start, self.knowledge.sought(start, possible, free)
 
     def alternation(
         self, start: SwitchingSystemRegressor, free: NDArray[np.bool_], recordings: Recordings,
@@ -346,34 +368,13 @@ class Search:
         return Alternation(
             start, recordings, self.base.noise, self.settings,
             free=free, names=self.names, surfaces=self.surfaces, known=known,
+            region=self.knowledge.region(start),
         )  # fmt: skip
 
     def _differentiated(self, stretch: float) -> Differentiated:
         if stretch not in self._by_stretch:
             self._by_stretch[stretch] = differentiated(self.given, self.order, stretch)
         return self._by_stretch[stretch]
-
-    def _law_of_positions(
-        self, start: SwitchingSystemRegressor, base: Differentiated
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Coefficients in which positions change as their speeds, and which of them are sought."""
-        coef, free = start.coef_.copy(), np.ones(start.coef_.shape, dtype=bool)
-        n_positions = self.given.n_channels if self.order == 2 else 0
-        if n_positions:
-            features = start.switching_model.feature_map(base.rows.X)
-            speeds = base.rows.X[:, n_positions : 2 * n_positions]
-            exact = np.linalg.lstsq(features, speeds, rcond=None)[0].T
-            left = np.abs(exact @ features.T - speeds.T).max(axis=1)
-            least = 1e-8 * np.abs(speeds).max(axis=0)
-            if (left > least).any():
-                raise ValueError(
-                    "order=2 needs every speed among the features of the library; add the linear "
-                    "terms."
-                )
-            adds = np.abs(exact) * np.abs(features).max(axis=0)
-            coef[:, :n_positions] = np.where(adds > least[:, None], exact, 0.0)
-            free[:, :n_positions] = False
-        return coef, free
 
     def usual_excess(self, found: StayIdentification) -> float:
         """The same of most recordings, where some may have been told wrongly."""

@@ -69,7 +69,7 @@ class SlidingLaws(Laws):
     def of(cls, laws: Laws, guards: Guards) -> SlidingLaws:
         """The laws, with the surfaces along which their modes slide."""
         own = laws.coef, laws.features, laws.spread, laws.free, guards
-        return cls(*own, inside=laws.inside)
+        return cls(*own, inside=laws.inside, region=laws.region)
 
     @property
     def modes(self) -> range:
@@ -84,7 +84,7 @@ class SlidingLaws(Laws):
     def known(self) -> SlidingLaws:
         """The same with no coefficient free."""
         guards = replace(self.guards, free=np.zeros_like(self.guards.free))
-        return replace(self, free=np.zeros_like(self.free), inside=(), guards=guards)
+        return replace(self, free=np.zeros_like(self.free), inside=(), region=None, guards=guards)
 
     def sides(self, old: Modes, new: Modes) -> tuple[Modes, Modes]:
         """Modes that the surface of each switch separates; the same one where there is none.

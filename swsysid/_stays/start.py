@@ -199,3 +199,24 @@ def in_these(coef: Array, features: Array, own: NDArray[np.bool_]) -> Array:
     moved = np.zeros_like(coef).reshape(-1, coef.shape[2])
     moved[:, own] = np.linalg.lstsq(features[:, own], values, rcond=None)[0].T
     return moved.reshape(coef.shape)
+
+
+def law_of_positions(
+    start: SwitchingSystemRegressor, base: Differentiated, n_positions: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Coefficients in which positions change as their speeds, and which of them are sought."""
+    coef, free = start.coef_.copy(), np.ones(start.coef_.shape, dtype=bool)
+    if n_positions:
+        features = start.switching_model.feature_map(base.rows.X)
+        speeds = base.rows.X[:, n_positions : 2 * n_positions]
+        exact = np.linalg.lstsq(features, speeds, rcond=None)[0].T
+        left = np.abs(exact @ features.T - speeds.T).max(axis=1)
+        least = 1e-8 * np.abs(speeds).max(axis=0)
+        if (left > least).any():
+            raise ValueError(
+                "order=2 needs every speed among the features of the library; add the linear terms."
+            )
+        adds = np.abs(exact) * np.abs(features).max(axis=0)
+        coef[:, :n_positions] = np.where(adds > least[:, None], exact, 0.0)
+        free[:, :n_positions] = False
+    return coef, free

@@ -16,9 +16,9 @@ PACKAGE = Path(swsysid.__file__).parent
 # A folder is a layer, and so is a file at the top: it imports from itself and from those before it.
 LAYERS = """
 _checks _rendering _results _ties _whole_or_nothing _noise _data _tables differentiation metrics
-_solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding _identification
-_simulation _automaton weak_form _free_rollouts _regressor uncertainty _stays refinement _verdict
-_trajectory_identifier
+_known _solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding
+_identification _simulation _automaton weak_form _free_rollouts _regressor uncertainty _stays
+refinement _verdict _trajectory_identifier
 _discrete_stays _automaton_search _automaton_regressor _effect_model
 _effect_regressor datasets
 _displays _residual_report _output_error _effect_search

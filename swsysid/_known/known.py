@@ -1,0 +1,176 @@
+"""`Known`: what is known of the laws before a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from swsysid._checks.parameters import real, shown
+from swsysid._known.grammar import read
+from swsysid._known.region import Region
+from swsysid._known.sentences import (
+    REST,
+    Names,
+    Only,
+    Part,
+    Relation,
+    Same,
+    Sentence,
+    Without,
+)
+
+
+@dataclass(frozen=True, repr=False)
+class Known:
+    """What is known of the laws before a fit: values, missing terms, bounds, ties, relations.
+
+    An object never changes: every method returns another one, so that they are written in a chain.
+    Equations and terms are named as the printed equations have them, ``"v'"`` and ``"x"``; a
+    constant is the term ``"1"``. Everything holds in every mode. It can be wrong: after a fit
+    `known_` says of each sentence what the data would rather have.
+
+    Parameters
+    ----------
+    sentences : tuple, default=()
+        Left to the methods and to `from_text`.
+
+    See Also
+    --------
+    TrajectoryIdentifier : Takes it as ``known=``.
+
+    Examples
+    --------
+    >>> from swsysid import Known
+    >>> known = Known().equal("x' = v").fix("v'", "1", -9.81).bound("v'", "v", upper=0)
+    >>> known = known.tie("v'", "u").zero("v'", "x v")
+    >>> print(known)
+    x' = v
+    v'[1] = -9.81
+    v'[v] <= 0
+    v'[u] same in all modes
+    v' has no x v
+    >>> Known.from_text(str(known).splitlines()) == known
+    True
+    """
+
+    sentences: tuple[Sentence, ...] = ()
+
+    @classmethod
+    def from_text(cls, sentences: str | Iterable[str]) -> Known:
+        """That of sentences, one or several.
+
+        Parameters
+        ----------
+        sentences : str or iterable of str
+            ``"x' = v"`` (the whole law), ``"v'[x] = -9.81"``, ``"-1 <= v'[v] <= 0"``,
+            ``"v'[x] = 2 w'[x]"`` (coefficients), ``"x0' + x1' + x2' = 0"`` (laws),
+            ``"v' has no u"``, ``"v' has no other terms"``, ``"v' has only x, v"``,
+            ``"v'[u] same in all modes"``, ``"v' same in all modes"``. A name with a sign or comma
+            in it stands in backquotes.
+
+        Returns
+        -------
+        Known
+
+        Raises
+        ------
+        ValueError
+            Where a sentence cannot be read.
+
+        Examples
+        --------
+        >>> Known.from_text(["x'=v", "v' has no u"])
+        Known.from_text(["x' = v", "v' has no u"])
+        """
+        listed = [sentences] if isinstance(sentences, str) else list(sentences)
+        return cls(tuple(map(read, listed)))
+
+    def fix(self, equation: str, term: str, value: float) -> Known:
+        """A coefficient is `value`; the other terms stay free."""
+        level = real("value", value)
+        return self._and(Relation((Part(1.0, _law(equation), term),), level, level))
+
+    def zero(self, equation: str, *terms: str) -> Known:
+        """A law has none of some terms; ``"*"`` are all that nothing else is known of."""
+        return self._and(Without(_law(equation), _some(terms)))
+
+    def terms(self, equation: str, terms: Sequence[str]) -> Known:
+        """A law has no other terms than these."""
+        listed = [terms] if isinstance(terms, str) else list(terms)
+        return self._and(Only(_law(equation), _some(listed)))
+
+    def tie(self, equation: str, *terms: str) -> Known:
+        """Terms have one coefficient in all modes; without terms the whole law is the same."""
+        return self._and(*(Same(_law(equation), term) for term in terms or (REST,)))
+
+    def bound(
+        self, equation: str, term: str, *, lower: float | None = None, upper: float | None = None
+    ) -> Known:
+        """A coefficient is at least `lower` and at most `upper`."""
+        low = -np.inf if lower is None else real("lower", lower)
+        high = np.inf if upper is None else real("upper", upper)
+        if lower is None and upper is None:
+            raise ValueError("bound needs lower or upper, such as upper=0.")
+        if low > high:
+            raise ValueError(f"bound of {equation}[{term}] excludes everything: {low} > {high}.")
+        return self._and(Relation((Part(1.0, _law(equation), term),), low, high))
+
+    def equal(self, *sentences: str) -> Known:
+        """What sentences say; as `from_text`, in a chain."""
+        return self._and(*map(read, sentences))
+
+    def region(
+        self,
+        equations: Sequence[str],
+        terms: Sequence[str],
+        n_modes: int,
+        left_out: frozenset[int] = frozenset(),
+    ) -> Region:
+        """The constraints of the coefficients (n_modes, n_equations, n_terms).
+
+        Sentences of some numbers may be left out.
+        """
+        return Region.of(self.sentences, Names(equations, terms, n_modes), left_out)
+
+    def _and(self, *sentences: Sentence) -> Known:
+        return Known((*self.sentences, *sentences))
+
+    def __add__(self, other: Known) -> Known:
+        return self._and(*other.sentences)
+
+    def __len__(self) -> int:
+        return len(self.sentences)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(map(str, self.sentences))
+
+    def __str__(self) -> str:
+        return "\n".join(self)
+
+    def __repr__(self) -> str:
+        listed = ", ".join(f'"{one}"' for one in self)
+        return f"Known.from_text([{listed}])" if listed else "Known()"
+
+
+def check_known(known: object) -> Known | None:
+    """None, a `Known`, or sentences of one."""
+    if known is None or isinstance(known, Known):
+        return known if known else None
+    if isinstance(known, (str, list, tuple)):
+        return Known.from_text(known) if known else None
+    raise TypeError(f'known={shown(known)} must be a Known or sentences such as "x\' = v".')
+
+
+def _law(equation: object) -> str:
+    if not isinstance(equation, str) or not equation:
+        raise TypeError(f"equation={shown(equation)} must be the left side of a law, such as v'.")
+    return equation.removesuffix("[k+1]").removesuffix("'")
+
+
+def _some(terms: Iterable[object]) -> tuple[str, ...]:
+    listed = tuple(terms)
+    if not listed or not all(isinstance(one, str) and one for one in listed):
+        raise TypeError(f"terms={shown(listed)} must be names of terms, such as 'x'.")
+    return tuple(map(str, listed))

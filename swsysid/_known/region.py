@@ -1,0 +1,205 @@
+"""Coefficients that what is known allows: the rows lower <= A c <= upper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from swsysid._known.program import Steps
+from swsysid._known.sentences import Names, Row, Sentence
+from swsysid._results import Array
+
+_INFEASIBLE = 2  # as HiGHS says it through SciPy
+_MET = 1e-7  # of the sizes in a row, by which fixed coefficients may miss it
+
+
+@dataclass(frozen=True)
+class Region:
+    """Linear constraints of coefficients (n_modes, n_equations, n_terms), and who says each.
+
+    They hold in every mode alike, so that to rename modes changes nothing.
+    """
+
+    sentences: tuple[Sentence, ...]
+    names: Names
+    rows: Array  # (n_rows, n_modes, n_equations, n_terms): A as the sentences say
+    lower: Array  # (n_rows,)
+    upper: Array
+    owner: NDArray[np.intp]  # (n_rows,): number of the sentence
+    change: Array  # (n_terms, n_terms): coefficients times it are those of the sentences
+    left_out: frozenset[int] = frozenset()  # numbers of sentences that are not held
+
+    @classmethod
+    def of(
+        cls, sentences: tuple[Sentence, ...], names: Names, left_out: frozenset[int] = frozenset()
+    ) -> Region:
+        """That of sentences; ValueError where names are unknown or nothing meets all of them."""
+        named = {one for sentence in sentences for one in sentence.named(names)}
+        rows: list[Row] = []
+        owner: list[int] = []
+        for number, sentence in enumerate(sentences):
+            own = [] if number in left_out else list(sentence.rows(names, named))
+            rows += own
+            owner += [number] * len(own)
+        matrix = np.array([row.matrix for row in rows]).reshape(-1, *names.shape)
+        lower, upper = np.array([row[1:] for row in rows]).reshape(-1, 2).T
+        change = np.eye(len(names.terms))
+        numbers = np.array(owner, dtype=np.intp)
+        region = cls(sentences, names, matrix, lower, upper, numbers, change, left_out)
+        region.check(np.zeros(names.shape), np.ones(names.shape, dtype=bool))
+        return region
+
+    def of_modes(self, n_modes: int) -> Region:
+        """The same sentences of another number of modes."""
+        if n_modes == self.names.n_modes:
+            return self
+        names = Names(self.names.equations, self.names.terms, n_modes)
+        return Region.of(self.sentences, names, self.left_out).by(self.change)
+
+    @property
+    def whole(self) -> Region:
+        """The same with no sentence left out."""
+        return Region.of(self.sentences, self.names).by(self.change)
+
+    def by(self, change: Array) -> Region:
+        """The same of coefficients that times `change` (n_terms, n_terms) are these."""
+        return replace(self, change=change @ self.change)
+
+    def without(self, sentence: int) -> Region:
+        """The same with one sentence less."""
+        other = self._of_rows(self.owner != sentence)
+        return replace(other, left_out=self.left_out | {sentence})
+
+    def _of_rows(self, some: NDArray[np.bool_]) -> Region:
+        return replace(
+            self, rows=self.rows[some], lower=self.lower[some], upper=self.upper[some],
+            owner=self.owner[some],
+        )  # fmt: skip
+
+    @cached_property
+    def matrix(self) -> Array:
+        """A, of the shape of `rows`."""
+        return np.asarray(self.rows @ self.change.T)
+
+    @property
+    def equal(self) -> NDArray[np.bool_]:
+        """Rows that are equalities."""
+        return self.lower == self.upper
+
+    @cached_property
+    def fixed(self) -> tuple[NDArray[np.bool_], Array]:
+        """Coefficients that rows tell one after the other, and their values."""
+        flat = self.matrix.reshape(len(self.matrix), -1)
+        told, values = np.zeros(flat.shape[1], dtype=bool), np.zeros(flat.shape[1])
+        while True:
+            left = (flat != 0.0) & ~told
+            alone = np.flatnonzero(self.equal & (left.sum(axis=1) == 1))
+            if not alone.size:
+                return told.reshape(self.names.shape), values.reshape(self.names.shape)
+            row, places = alone[0], left[alone].argmax(axis=1)
+            place = places[0]
+            values[place] = (self.lower[row] - flat[row][told] @ values[told]) / flat[row, place]
+            told[place] = True
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Coefficients of which anything is known."""
+        return np.asarray((self.matrix != 0.0).any(axis=0))
+
+    @property
+    def related(self) -> NDArray[np.bool_]:
+        """Coefficients, not fixed, that equalities tell by others."""
+        left = (self.matrix != 0.0) & ~self.fixed[0]
+        return np.asarray(left[self.equal & (left.sum(axis=(1, 2, 3)) > 1)].any(axis=0))
+
+    @property
+    def told_apart(self) -> NDArray[np.bool_]:
+        """Coefficients, not fixed, that cannot all be zero."""
+        told, values = self.fixed
+        beside = np.einsum("rmsf,msf->r", self.matrix, values)
+        apart = (self.lower > beside) | (self.upper < beside)
+        return np.asarray(((self.matrix != 0.0) & ~told)[apart].any(axis=0))
+
+    def sought(self, free: NDArray[np.bool_], possible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Coefficients that are sought, of those `possible`, where without it these are `free`."""
+        return ((self.related | self.told_apart) & possible | free) & ~self.fixed[0]
+
+    @cached_property
+    def box(self) -> tuple[Array, Array]:
+        """Bounds of single coefficients."""
+        low, high = np.full(self.names.shape, -np.inf), np.full(self.names.shape, np.inf)
+        alone = (self.matrix != 0.0).sum(axis=(1, 2, 3)) == 1
+        for row, *bounds in zip(
+            self.matrix[alone], self.lower[alone], self.upper[alone], strict=True
+        ):
+            place = np.unravel_index(np.abs(row).argmax(), row.shape)
+            ends = sorted(bound / row[place] for bound in bounds)
+            low[place], high[place] = max(low[place], ends[0]), min(high[place], ends[1])
+        return low, high
+
+    def steps(self, coef: Array, free: NDArray[np.bool_]) -> Steps:
+        """What steps of free coefficients, in the order of their places, may be."""
+        rows, now = self.matrix[:, free], np.einsum("rmsf,msf->r", self.matrix, coef)
+        return _steps(rows, self.lower - now, self.upper - now)
+
+    def check(self, coef: Array, free: NDArray[np.bool_]) -> None:
+        """ValueError where no values of the free coefficients meet it beside the others.
+
+        It names sentences that contradict each other of which no fewer do.
+        """
+        kept = list(range(len(self.sentences)))
+        if self._is_met(kept, coef, free):
+            return
+        for one in range(len(self.sentences)):
+            fewer = [other for other in kept if other != one]
+            if not self._is_met(fewer, coef, free):
+                kept = fewer
+        said = " and ".join(f'"{self.sentences[one]}"' for one in kept)
+        if not free.all():
+            raise ValueError(f"known={said} contradicts order=2, by which positions have speeds.")
+        if len(kept) == 1:
+            raise ValueError(f"known={said} excludes every law.")
+        raise ValueError(f"known contradicts itself: {said} cannot hold together; leave one out.")
+
+    def _is_met(self, sentences: Sequence[int], coef: Array, free: NDArray[np.bool_]) -> bool:
+        own = self._of_rows(np.isin(self.owner, sentences))
+        beside = np.einsum("rmsf,msf->r", own.matrix, np.where(free, 0.0, coef))
+        rows, lower, upper = own.matrix[:, free], own.lower - beside, own.upper - beside
+        sizes = np.abs(own.matrix).sum(axis=(1, 2, 3)) * max(1.0, np.abs(coef).max())
+        alone = ~(rows != 0.0).any(axis=1)
+        if ((lower > _MET * sizes) | (upper < -_MET * sizes))[alone].any():
+            return False
+        used = (rows != 0.0).any(axis=0)
+        steps = _steps(rows[:, used], lower, upper)
+        if not used.any():
+            return True
+        answer = linprog(
+            np.zeros(used.sum()), steps.most, steps.room, steps.equal, steps.gap,
+            bounds=(None, None), method="highs",
+        )  # fmt: skip
+        return bool(answer.status != _INFEASIBLE)
+
+    def nearest(self, coef: Array, free: NDArray[np.bool_], metric: Array) -> Array:
+        """The coefficients nearest to given ones that it allows, those that are not free kept.
+
+        `metric` (n_free, n_free) is a positive matrix of the free ones.
+        """
+        moved = coef.copy()
+        moved[free] += self.steps(coef, free).least(metric, np.zeros(len(metric)))
+        return moved.clip(*self.box)
+
+
+def _steps(rows: Array, lower: Array, upper: Array) -> Steps:
+    """Those with lower <= rows z <= upper, rows without an entry left out."""
+    some = (rows != 0.0).any(axis=1)
+    equal, bounded = some & (lower == upper), some & (lower != upper)
+    above, below = bounded & np.isfinite(upper), bounded & np.isfinite(lower)
+    return Steps(
+        rows[equal], lower[equal],
+        np.vstack([rows[above], -rows[below]]), np.append(upper[above], -lower[below]),
+    )  # fmt: skip
