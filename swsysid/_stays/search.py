@@ -90,7 +90,7 @@ class ExactStart:
 
 
 class Search:
-    """One search; `told` is called now and then, to show that it goes on.
+    """One search; `told` is called now and then, to show that it goes on, `known` is a start.
 
     `knowledge` is what the user knows of the laws.
     """
@@ -104,12 +104,13 @@ class Search:
         settings: StaySettings,
         told: Callable[[], object],
         surfaces: bool = True,
+        known: StayIdentification | None = None,
         knowledge: Knowledge = NOTHING,
     ):
         check_channels(given)
         check_observed(observed, given)
         self.estimator, self.given, self.order = estimator, given, order
-        self.settings, self.told, self.surfaces = settings, told, surfaces
+        self.settings, self.told, self.surfaces, self.known = settings, told, surfaces, known
         self.knowledge = knowledge
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
@@ -236,9 +237,11 @@ class Search:
         Where no surface separates modes one goes on from the answer with one mode fewer.
         """
         windows, recordings = set(), self.base.recordings
+        if self.known is not None and len(self.known.estimate.laws.coef) == n_modes:
+            yield self.alternation(self.known.model, self.known.estimate.laws.free, recordings)
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
         if (part := part_of(self.given)) is not None:
-            options = self.settings, self.told, self.surfaces, self.knowledge
+            options = self.settings, self.told, self.surfaces, None, self.knowledge
             known = Search(self.estimator, part, self.order, None, *options).with_modes(n_modes)
             # stretches may be too short to show all modes
             if len(known.estimate.laws.coef) == n_modes:
