@@ -27,10 +27,11 @@ from swsysid._verdict.comparison import Split
 from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid.exporting import ToOtherTools
 from swsysid.refinement._rollout_score import rollout_score
 
 
-class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator):
+class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin, BaseEstimator):
     r"""Identify a switching system from recordings: noisy states, no derivatives.
 
     With the stays in the modes given, laws, states, switch instants and surfaces of highest
@@ -230,6 +231,10 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         fitted, held = self._fitted, {Hold.ROW} == set(self._holds)
         hold = Hold.ROW if held else Hold.LINE
         return fitted.simulate(x0, t, inputs, **({"input_hold": str(hold)} | options))
+
+    def to_hybrid_system(self):
+        """Laws and surfaces as formulas; as `SwitchingSystemRegressor.to_hybrid_system`."""
+        return self._fitted.to_hybrid_system()
 
     @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):

@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.polynomial_text import read_inequality, read_polynomial
 from swsysid._automaton.polynomials import Polynomial, follows, negative, rate, substituted
-from swsysid._automaton.spaceex import MEANING, identifiers
+from swsysid._automaton.spaceex import MEANING
 from swsysid._automaton.spaceex_network import Component, Edge, read_component, refusal
 from swsysid._checks.parameters import shown
+from swsysid.exporting._text import identifiers
 
 _ASSIGNED = re.compile(r"(\w+)\s*('?)\s*(:=|==|=)\s*(.+)", re.DOTALL)
 _CHAIN = re.compile(r"(<=|>=|<|>)")
@@ -89,7 +90,7 @@ def _check_constants(constants: list[str], parameters: Mapping[str, float]) -> N
 def _clocks_renamed(read: Component) -> Component:
     """Names that are those of clocks here become others: what they are at the start is open."""
     names = {
-        name: identifiers([*(other for other in read.kinds if other != name), name])[-1]
+        name: identifiers([*(other for other in read.kinds if other != name), name], CLOCKS)[-1]
         for name in CLOCKS
         if name in read.kinds
     }

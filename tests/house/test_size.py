@@ -28,10 +28,12 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # a rollout are worked at once, and least squares of rollouts, which `refinement` had for itself,
 # stand in `_stays`. What several laws imitate is no answer (`_automaton_search`); positions may
 # rest or leave their range (`_cli`); all samples tell what unseen ones leave open
-# (`_output_error`). Instants follow the residual (`effects`); of what nothing tells no interval is
+# (`_output_error`). Models are written for other tools (`exporting`): each kind of them says itself
+# in formulas (`_simulation`, `_automaton`, `_effect_model`, `refinement`; a method in `top` and
+# `_effect_search`). Instants follow the residual (`effects`); of what nothing tells no interval is
 # said (`_effect_search`). Documents keep features of columns in turn (`_automaton`).
 MOST_LINES = {
-    "_automaton": 2900,
+    "_automaton": 2930,
     "_automaton_search": 5000,
     "_checks": 600,
     "_cli": 3690,
@@ -40,29 +42,30 @@ MOST_LINES = {
     "differentiation": 1590,
     "_discrete_stays": 2100,
     "_displays": 1590,
-    "_effect_model": 2250,
-    "_effect_search": 9580,
+    "_effect_model": 2420,
+    "_effect_search": 9590,
     "effects": 4010,
+    "exporting": 2070,
     "_free_rollouts": 860,
     "_identification": 2710,
     "_losses": 760,
     "metrics": 720,
     "_output_error": 2270,
-    "refinement": 1720,
+    "refinement": 1740,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2370,
     "_saving": 720,
     "_seeding": 1360,
-    "_simulation": 1820,
+    "_simulation": 1900,
     "_solvers": 1290,
     "_stays": 8680,
     "_surfaces": 2310,
     "_tables": 1080,
     "_verdict": 1690,
-    "top": 3470,
+    "top": 3490,
 }
-MOST_FILES = 379  # the room of the verdict has four that say what the command line did not
+MOST_FILES = 395  # a writer for each tool, and the formulas of each kind of model (`exporting`)
 MOST_SETTINGS = 539
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
