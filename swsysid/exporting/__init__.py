@@ -1,4 +1,4 @@
-"""Identified systems for other tools: SymPy, python-control, CasADi and C.
+"""Identified systems for other tools: SymPy, python-control, CasADi, C, FMI.
 
 *Problem.* A model that is a function of Python runs where Python runs; a controller is designed
 elsewhere. *In*: any fitted or stated model. *Out*: formulas, in the language of the tool.
@@ -7,8 +7,8 @@ Every model gives one `HybridSystem` (``model.to_hybrid_system()``): laws, surfa
 resets as formulas. The writers read nothing else, and are methods of every model (``to_c``, ...).
 
 In reading order: `_expressions` are formulas, `_features` those of a library, `_system` the
-description, `_slides` makes guards of surfaces and modes of slides; `_text` prints formulas;
-`_sympy`, `_control`, `_casadi` and `_c` are the writers, which `_tools` gives to the models.
+description, `_slides` makes guards of surfaces and modes of slides; `_text` prints formulas; the
+others write for the tool of their name, and `_tools` gives them to the models.
 """
 
 from swsysid.exporting._casadi import CasadiSystem, CasadiTransition

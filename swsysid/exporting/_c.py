@@ -35,7 +35,7 @@ def c_source(system: HybridSystem, name: str) -> str:
     [prefix] = identifiers([name])
     written = with_switches(system)
     runtime = DISCRETE if system.discrete_time else CONTINUOUS
-    sizes = f"\nstatic const double {prefix}_size[] = {{{_listed(system.sizes)}}};\n"
+    sizes = f"\nstatic const double {prefix}_size[] = {{{listed(system.sizes)}}};\n"
     return (
         formulas(written, prefix, system.notes)
         + ("" if system.discrete_time else sizes)
@@ -83,9 +83,9 @@ def formulas(system: HybridSystem, prefix: str, notes: Sequence[str], static: st
         f"{prefix}_EDGES = {len(edges)},",
         f"       {prefix}_N = {max(n, 1)}, {prefix}_U = {max(m, 1)}, {prefix}_E = "
         f"{max(len(edges), 1)} }};  /* no array is empty */",
-        f"static const int {prefix}_source[] = {{{_listed(sources)}}};",
-        f"static const int {prefix}_target[] = {{{_listed(targets)}}};",
-        f"static const int {prefix}_label[] = {{{_listed(system.labels)}}};",
+        f"static const int {prefix}_source[] = {{{listed(sources)}}};",
+        f"static const int {prefix}_target[] = {{{listed(targets)}}};",
+        f"static const int {prefix}_label[] = {{{listed(system.labels)}}};",
         "static double sign(double a) { return (a > 0.0) - (a < 0.0); }\n",
         "/* The rate of each state in a mode (of a map its next value). */",
         f"{static}void {prefix}_rhs(int mode, const double *x, const double *u, double t, "
@@ -134,7 +134,8 @@ def formulas(system: HybridSystem, prefix: str, notes: Sequence[str], static: st
     return "\n".join(lines)
 
 
-def _listed(values: Sequence[float]) -> str:
+def listed(values: Sequence[float]) -> str:
+    """Numbers of an array, which in C is never empty."""
     return ", ".join(map(repr, values)) or "0"
 
 

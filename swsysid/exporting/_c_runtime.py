@@ -83,9 +83,12 @@ static void NAME_arm(NAME_state *s, const NAME_inputs *in)
         double value = NAME_value(s, in, e, s->t, s->x), band = 0.0;
         for (int n = 0; n < NAME_N; n++) {
             double shift = 1e-7 * (fabs(s->x[n]) + NAME_size[n]);
-            moved[n] = s->x[n] + shift;
-            band += fabs(NAME_value(s, in, e, s->t, moved) - value) / shift
-                    * (fabs(s->x[n]) + fabs(f[n] * s->t));
+            double change = HUGE_VAL;  /* the less of both sides: a condition may jump on one */
+            for (int side = -1; side <= 1; side += 2) {
+                moved[n] = s->x[n] + side * shift;
+                change = fmin(change, fabs(NAME_value(s, in, e, s->t, moved) - value));
+            }
+            band += change / shift * (fabs(s->x[n]) + fabs(f[n] * s->t));
             moved[n] = s->x[n];
         }
         band = 8 * DBL_EPSILON * (band + fabs(s->t));

@@ -10,6 +10,7 @@ from swsysid._whole_or_nothing import write_text
 from swsysid.exporting._c import c_source
 from swsysid.exporting._casadi import CasadiSystem, casadi_system
 from swsysid.exporting._control import nonlinear_system
+from swsysid.exporting._fmu import write_fmu
 from swsysid.exporting._sympy import SymbolicSystem, symbolic
 from swsysid.exporting._system import HybridSystem
 
@@ -161,6 +162,43 @@ class ToOtherTools:
         True
         """
         write_text(path, c_source(self.to_hybrid_system(), _named(path, name)))
+
+    def to_fmu(self, path: str | Path, name: str | None = None) -> None:
+        """Write a functional mock-up unit for FMI 2 model exchange, as source code.
+
+        It holds no binary and needs no Python: the importer compiles ``sources/model.c``. Guards
+        are event indicators with the hysteresis that the standard asks for. ``mode_start`` is
+        the mode to start in, ``mode`` that of the model, ``mode_or_slide`` the one with slides and
+        sticking friction as modes of their own.
+
+        Parameters
+        ----------
+        path : str or path
+            Usually ends in ``.fmu``.
+        name : str, default=None
+            Of the model; None is the name of the file.
+
+        Raises
+        ------
+        NoFormulaError
+            If a part of the model is no formula, or in discrete time.
+        OSError
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, zipfile
+        >>> from pathlib import Path
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> path = Path(tempfile.mkdtemp()) / "ball.fmu"
+        >>> ball.to_fmu(path)
+        >>> zipfile.ZipFile(path).namelist()
+        ['modelDescription.xml', 'sources/model.c']
+        """
+        write_fmu(self.to_hybrid_system(), path, _named(path, name))
 
 
 def _named(path: str | Path, name: str | None) -> str:
