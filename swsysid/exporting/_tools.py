@@ -6,11 +6,14 @@ from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from numpy.typing import ArrayLike
+
 from swsysid._whole_or_nothing import write_text
 from swsysid.exporting._c import c_source
 from swsysid.exporting._casadi import CasadiSystem, casadi_system
 from swsysid.exporting._control import nonlinear_system
 from swsysid.exporting._fmu import write_fmu
+from swsysid.exporting._modelica import modelica_source
 from swsysid.exporting._sympy import SymbolicSystem, symbolic
 from swsysid.exporting._system import HybridSystem
 
@@ -162,6 +165,52 @@ class ToOtherTools:
         True
         """
         write_text(path, c_source(self.to_hybrid_system(), _named(path, name)))
+
+    def to_modelica(
+        self,
+        path: str | Path,
+        name: str | None = None,
+        *,
+        x0: ArrayLike | None = None,
+        mode: int | None = None,
+    ) -> None:
+        """Write a Modelica model: transitions in ``when``, resets by ``reinit``.
+
+        Parameters
+        ----------
+        path : str or path
+            Usually ends in ``.mo``.
+        name : str, default=None
+            Of the model; None is the name of the file.
+        x0 : array-like of shape (n_states,), default=None
+            The state at the start; None is the middle of the data or the first recorded state.
+        mode : int, default=None
+            The mode at the start; None is the one that the state tells, or the first recorded.
+
+        Raises
+        ------
+        NoFormulaError
+            If a part of the model is no formula, or in discrete time.
+        ValueError
+            If `x0` is of another shape, or `mode` none of the modes.
+        OSError
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> path = Path(tempfile.mkdtemp()) / "Ball.mo"
+        >>> ball.to_modelica(path, x0=[10.0, 0.0])
+        >>> "when pre(mode) == 0 and -h > 0 then" in path.read_text()
+        True
+        """
+        source = modelica_source(self.to_hybrid_system(), _named(path, name), x0, mode)
+        write_text(path, source)
 
     def to_fmu(self, path: str | Path, name: str | None = None) -> None:
         """Write a functional mock-up unit for FMI 2 model exchange, as source code.
