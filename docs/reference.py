@@ -16,7 +16,8 @@ LINKS = {
 }
 # where a class has two public names, the later one here is that of its page
 HOMES = (
-    "diagnosis differentiation effects metrics plotting refinement uncertainty weak_form".split()
+    "diagnosis differentiation effects exporting metrics plotting refinement uncertainty "
+    "weak_form".split()
 )
 for module in (*(f"swsysid.{home}" for home in HOMES), "swsysid", "swsysid.results"):
     content = importlib.import_module(module)

@@ -91,8 +91,8 @@ _HOMES = {
     for name in names.split()
 }
 _MODULES = frozenset(
-    "datasets diagnosis differentiation effects metrics plotting refinement relaxations report "
-    "uncertainty weak_form".split()
+    "datasets diagnosis differentiation effects exporting metrics plotting refinement relaxations "
+    "report uncertainty weak_form".split()
 )
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from swsysid._cli.arguments import is_watched, measurement, modes, parser, units
+from swsysid._cli.command_arguments import COMMANDS, command_parser
 from swsysid._tables.table import TableError
 
 if TYPE_CHECKING:
@@ -17,15 +19,41 @@ if TYPE_CHECKING:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; the exit code is 2 for unusable input, 1 for a failed solver."""
-    arguments = parser().parse_args(argv)
-    try:
-        _check_wishes(arguments)
-        recording = _recording(arguments)
-        from swsysid._cli.run import run  # what is refused above does not wait for it
+    given = sys.argv[1:] if argv is None else argv
+    if given and given[0] in COMMANDS:
+        return _in_words(lambda: _with_model(command_parser().parse_args(given)))
+    arguments = parser().parse_args(given)
+    return _in_words(lambda: _identified(arguments))
 
-        code = run(*recording, arguments)
-        sys.stdout.flush()  # that a reader is gone shows here, not when the interpreter ends
-        return code
+
+def _with_model(arguments: argparse.Namespace) -> int:
+    """Do something with a model that is there."""
+    from swsysid._cli.commands import WORK
+    from swsysid.exporting import NoFormulaError
+
+    try:
+        told = WORK[arguments.command](arguments)
+    except (NoFormulaError, ImportError, OSError) as error:
+        raise TableError(str(error)) from None
+    print(told)
+    sys.stdout.flush()
+    return 0
+
+
+def _identified(arguments: argparse.Namespace) -> int:
+    _check_wishes(arguments)
+    recording = _recording(arguments)
+    from swsysid._cli.run import run  # what is refused above does not wait for it
+
+    code = run(*recording, arguments)
+    sys.stdout.flush()  # that a reader is gone shows here, not when the interpreter ends
+    return code
+
+
+def _in_words(work: Callable[[], int]) -> int:
+    """The exit code of some work; what failed is one sentence."""
+    try:
+        return work()
     except ValueError as error:  # sentences of ours, TableError among them
         print(f"swsysid: {error}", file=sys.stderr)
         return 2

@@ -32,9 +32,10 @@ from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._verdict.words import AUTOMATON
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid.exporting import ToOtherTools
 
 
-class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
+class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     r"""Identify a hybrid automaton from recordings: guards that remember, states that jump.
 
     A `SwitchingSystemRegressor` has one surface between two modes, whichever way it is crossed. An
@@ -315,6 +316,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, BaseEstimator):
     def equations(self, precision=3, format="text"):
         """Laws and transitions as text or LaTeX; as `HybridAutomaton.equations`."""
         return self._fitted.equations(precision, format)
+
+    def to_hybrid_system(self):
+        """Laws, guards and resets as formulas; as `HybridAutomaton.to_hybrid_system`."""
+        return self._fitted.to_hybrid_system()
 
     def to_dict(self):
         """The automaton in types that JSON knows; as `HybridAutomaton.to_dict`."""

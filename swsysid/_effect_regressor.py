@@ -19,6 +19,7 @@ from swsysid._effect_model.equations import (
     guards_with_effects,
     laws_with_effects,
 )
+from swsysid._effect_model.formulas import system_of
 from swsysid._effect_model.joint_fit import (
     JointFit,
     as_stated,
@@ -33,11 +34,12 @@ from swsysid._effect_model.velocities import with_quantity
 from swsysid._rendering.printing import check_format
 from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.effects import PlacedEffect
+from swsysid.exporting import ToOtherTools
 from swsysid.metrics._scorers import ScoredByR2
 from swsysid.refinement import StatedModel
 
 
-class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
+class EffectRegressor(ToOtherTools, ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
     """A switching model with effects beside it, whose coefficients are fitted jointly.
 
     State k obeys ``xdot_k = C_jk Phi(x) + sum_e c_e h_e(x, u, t; theta_e)`` in mode j. The
@@ -212,6 +214,10 @@ class EffectRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimato
             return automaton_of_fit(fit)
         except NoAutomatonError as error:
             raise AttributeError(str(error)) from None
+
+    def to_hybrid_system(self):
+        """Laws, effects, surfaces and guards as formulas; a lag is a state more."""
+        return system_of(self.joint_fit_, self._channel_names)
 
     # -- refinement ----------------------------------------------------------------------------
 

@@ -22,7 +22,7 @@ from swsysid._identification.setup import (
     checked_rows,
 )
 from swsysid._identification.terms import surface_candidates
-from swsysid._simulation.model import SwitchingModel
+from swsysid._simulation.model import SwitchingModel, WithSwitchingModel
 from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.metrics._scorers import ScoredByR2
 from swsysid.relaxations import get_relaxation
@@ -30,7 +30,9 @@ from swsysid.relaxations._base import one_hot
 from swsysid.relaxations._certificates import certify
 
 
-class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator):
+class SwitchingSystemRegressor(
+    WithSwitchingModel, ScoredByR2, MultiOutputMixin, RegressorMixin, BaseEstimator
+):
     r"""Identify a switching system: the law of every mode and the surface between them.
 
     From states (and inputs) `X` and measured velocities `Xdot` it solves
@@ -366,10 +368,8 @@ class SwitchingSystemRegressor(ScoredByR2, MultiOutputMixin, RegressorMixin, Bas
         self.coef_, self.surface_, self.modes_ = best.coef, answer.surface, answer.modes
         self._membership, self.objective_ = answer.membership, answer.objective
         self.history_, self.n_iter_ = answer.history, len(answer.history)
-        self.converged_ = best.converged
-        self.n_modes_ = len(best.coef)
-        self.stability_ = found.stability
-        self.mode_selection_ = list(found.candidates)
+        self.converged_, self.n_modes_ = best.converged, len(best.coef)
+        self.stability_, self.mode_selection_ = found.stability, list(found.candidates)
         self.guard_score_, self.residual_share_ = doubts.guard.score, doubts.shared.share
         attach_likelihood(self.surface_, found.problem, best.coef, best.modes)
         self.surface_candidates_ = surface_candidates(

@@ -32,12 +32,13 @@ from swsysid._verdict.comparison import Split
 from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid.exporting import ToOtherTools
 from swsysid.refinement._rollout_score import rollout_score
 
 _OF_MANY = 20_000  # samples of many recordings with which the first rounds are made
 
 
-class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator):
+class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin, BaseEstimator):
     r"""Identify a switching system from recordings: noisy states, no derivatives.
 
     With the stays in the modes given, laws, states, switch instants and surfaces of highest
@@ -272,6 +273,10 @@ class TrajectoryIdentifier(JudgedOnRecordings, MetaEstimatorMixin, BaseEstimator
         linear between their samples.
         """
         return self._fitted.simulate(x0, t, inputs, **self._with_hold(options))
+
+    def to_hybrid_system(self):
+        """Laws and surfaces as formulas; as `SwitchingSystemRegressor.to_hybrid_system`."""
+        return self._fitted.to_hybrid_system()
 
     @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):

@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator
 
 from swsysid._automaton.documents import document_of, parts_of
 from swsysid._automaton.equations import transition_equation
+from swsysid._automaton.formulas import system_of
 from swsysid._automaton.parts import AutomatonParts, check_lags
 from swsysid._automaton.rollouts import roll_out
 from swsysid._automaton.spaceex import spaceex_model
@@ -20,10 +21,11 @@ from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
 from swsysid._results import Trajectory
 from swsysid._simulation.model import law_equations
 from swsysid._whole_or_nothing import write_text, written_beside
+from swsysid.exporting import HybridSystem, ToOtherTools
 
 
 @dataclass(frozen=True, eq=False)
-class HybridAutomaton(AutomatonParts):
+class HybridAutomaton(AutomatonParts, ToOtherTools):
     """Modes with a law each, and transitions between them.
 
     Attributes
@@ -113,11 +115,9 @@ class HybridAutomaton(AutomatonParts):
 
     def __repr__(self) -> str:
         time = "discrete" if self.discrete_time else "continuous"
-        names = ", ".join(self.state_names)
-        return (
-            f"HybridAutomaton({names}; {self.n_modes} modes, {len(self.transitions)} transitions, "
-            f"{time} time)"
-        )
+        names, count = ", ".join(self.state_names), len(self.transitions)
+        told = f"{names}; {self.n_modes} modes, {count} transitions, {time} time"
+        return f"HybridAutomaton({told})"
 
     def equations(self, precision: int = 3, format: str = "text") -> list[str]:
         r"""The law of every mode and every transition, as text or LaTeX.
@@ -163,6 +163,9 @@ class HybridAutomaton(AutomatonParts):
             transition_equation(one, columns, states, precision, format) for one in self.transitions
         ]
 
+    def to_hybrid_system(self) -> HybridSystem:
+        return system_of(self)
+
     # -- files -------------------------------------------------------------------------------------
 
     def to_dict(self) -> dict[str, object]:
@@ -206,10 +209,6 @@ class HybridAutomaton(AutomatonParts):
         ------
         ValueError
             If it is none, is damaged or was written by a newer version.
-
-        Examples
-        --------
-        See `to_dict`.
         """
         return cls(*parts_of(told))
 

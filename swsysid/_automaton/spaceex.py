@@ -9,7 +9,6 @@ several conditions does not hold: their transition is one that is taken as soon 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -23,6 +22,7 @@ from swsysid._automaton.spaceex_network import NAMESPACE
 from swsysid._automaton.transitions import PolynomialGuard, Transition
 from swsysid._checks.parameters import shown
 from swsysid._results import Array
+from swsysid.exporting._text import identifiers
 
 #: The note of what is written, by which it is read again.
 MEANING = (
@@ -44,12 +44,12 @@ def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
             f"the features of {type(feature_map.library).__name__} are no polynomials, and SpaceEx "
             "models are made of polynomials here; state or fit the laws with a degree."
         )
-    names = identifiers(feature_map.names_in)
+    names = identifiers(feature_map.names_in, CLOCKS)
     n_states = automaton.n_states
     clocks = clocks_used(transitions)
     columns = [*names, *CLOCKS]
     root = ElementTree.Element("sspaceex", xmlns=NAMESPACE, version="0.2", math="SpaceEx")
-    body = ElementTree.SubElement(root, "component", id=identifiers([component])[0])
+    body = ElementTree.SubElement(root, "component", id=identifiers([component], CLOCKS)[0])
     ElementTree.SubElement(body, "note").text = MEANING
     for place, name in enumerate([*names, *clocks]):
         controlled = place < n_states or place >= len(names)
@@ -171,23 +171,3 @@ def expression(coef: Array, powers: NDArray[np.intp], names: Sequence[str]) -> s
         sign = ("-" if value < 0 else "") if not text else (" - " if value < 0 else " + ")
         text += sign + "*".join(factors)
     return text or "0"
-
-
-def identifiers(names: Sequence[str]) -> list[str]:
-    """Names of letters, digits and underscores, each another one and none that of a clock.
-
-    Examples
-    --------
-    >>> identifiers(["h", "speed (m/s)", "speed_m/s", "2nd", "time"])
-    ['h', 'speed_m_s', 'speed_m_s_2', 'x2nd', 'time_2']
-    """
-    found: list[str] = []
-    for name in names:
-        plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
-        plain = plain if plain[:1].isalpha() else f"x{plain}"
-        number, unique = 1, plain
-        while unique in (*found, *CLOCKS):
-            number += 1
-            unique = f"{plain}_{number}"
-        found.append(unique)
-    return found

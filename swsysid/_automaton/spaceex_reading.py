@@ -19,7 +19,7 @@ from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.polynomial_text import read_inequality, read_polynomial
 from swsysid._automaton.polynomials import Polynomial, follows, negative, rate, substituted
-from swsysid._automaton.spaceex import MEANING, identifiers
+from swsysid._automaton.spaceex import MEANING
 from swsysid._automaton.spaceex_network import (
     Component,
     Edge,
@@ -30,6 +30,7 @@ from swsysid._automaton.spaceex_network import (
 from swsysid._automaton.spaceex_settings import read_settings
 from swsysid._automaton.stating import constants_of
 from swsysid._checks.parameters import flag, shown
+from swsysid.exporting._text import identifiers
 
 _ASSIGNED = re.compile(r"(\w+)\s*('?)\s*(:=|==|=)\s*(.+)", re.DOTALL)
 _CHAIN = re.compile(r"(<=|>=|<|>)")
@@ -127,7 +128,7 @@ def _check_constants(constants: list[str], parameters: Mapping[str, float]) -> N
 def _clocks_renamed(read: Component) -> Component:
     """Names that are those of clocks here become others: what they are at the start is open."""
     names = {
-        name: identifiers([*(other for other in read.kinds if other != name), name])[-1]
+        name: identifiers([*(other for other in read.kinds if other != name), name], CLOCKS)[-1]
         for name in CLOCKS
         if name in read.kinds
     }

@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.parts import AutomatonParts
 from swsysid._automaton.polynomial_text import read_polynomial
-from swsysid._automaton.spaceex import clocks_used, identifiers
+from swsysid._automaton.spaceex import clocks_used
 from swsysid._automaton.spaceex_network import refusal
 from swsysid._checks.arrays import column, state
 from swsysid._checks.parameters import shown, whole
+from swsysid.exporting._text import identifiers
 
 _ENTRY = re.compile(r"^\s*([\w-]+)\s*=\s*\"?([^\"\n]*)\"?\s*$", re.MULTILINE)
 _LOCATION = re.compile(r"loc\s*\(\s*([\w.]*)\s*\)\s*==?\s*(\w+)")
@@ -122,7 +124,7 @@ def spaceex_settings(
         )
         if value is None
     ]
-    names = identifiers(automaton.feature_map.names_in)[: automaton.n_states]
+    names = identifiers(automaton.feature_map.names_in, CLOCKS)[: automaton.n_states]
     first = np.zeros(len(names)) if first is None else first
     times = np.linspace(0.0, 10.0, 1001) if times is None else times
     clocks = clocks_used(automaton.transitions)
@@ -132,7 +134,7 @@ def spaceex_settings(
         [f"loc()==mode{mode or 0}", *(f"{name}=={value!r}" for name, value in start.items())]
     )
     told = {
-        "system": identifiers([component])[0],
+        "system": identifiers([component], CLOCKS)[0],
         "initially": initially,
         "scenario": "simulation",
         "sampling-time": f"{np.median(np.diff(times)):.12g}",

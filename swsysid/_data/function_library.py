@@ -58,6 +58,11 @@ class FunctionLibrary(TransformerMixin, BaseEstimator):
         """Values of all functions, shape (n_samples, n_features_out)."""
         return self._features(rows_of(self, X))
 
+    @property
+    def terms(self) -> list[tuple[Callable, str, tuple[int, ...]]]:
+        """Every function with its format and the columns it is applied to."""
+        return self._terms
+
     def at(self, point: np.ndarray) -> np.ndarray:
         """Values at one point, (n_features_in,) -> (n_features_out,), without checks."""
         return self._features(point[None, :])[0]

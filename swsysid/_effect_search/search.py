@@ -35,6 +35,7 @@ from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
 from swsysid._results import IdentificationWarning
 from swsysid._whole_or_nothing import whole_or_nothing
+from swsysid.exporting import ToOtherTools
 from swsysid.metrics._scorers import explained
 
 Answer = TypeVar("Answer")
@@ -51,7 +52,7 @@ def _of_the_best(method: Callable[..., Answer]) -> Callable[..., Answer]:
     return call
 
 
-class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
+class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimator):
     r"""Find the effects that a declared model lacks, and add them.
 
     The declared model is fitted, and every effect of a library is tried on what it leaves over:
@@ -256,6 +257,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     predict_modes = _of_the_best(EffectRegressor.predict_modes)
     simulate = _of_the_best(EffectRegressor.simulate)
+    to_hybrid_system = _of_the_best(EffectRegressor.to_hybrid_system)
     equations = _of_the_best(EffectRegressor.equations)
     surface_equations = _of_the_best(EffectRegressor.surface_equations)
 

@@ -15,6 +15,7 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.sources import pieces
 from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
 from swsysid._results import Array, Trajectory
+from swsysid._simulation.formulas import system_of
 from swsysid._simulation.inputs import checked_options
 from swsysid._simulation.simulate import simulate
 from swsysid._simulation.system import SwitchingSystem
@@ -25,6 +26,7 @@ from swsysid._surfaces.surface import (
     locates_events,
     probabilities_of,
 )
+from swsysid.exporting import HybridSystem, ToOtherTools
 
 AddedTerms = Callable[[int, int], Iterable[tuple[float, str, float]]]
 
@@ -127,6 +129,11 @@ class SwitchingModel(SwitchingSystem):
         done = simulate(self, x0, t, inputs, **options)
         return replace(done, names=tuple(self.feature_map.names_in[: self.n_states]))
 
+    def to_hybrid_system(self) -> HybridSystem:
+        """Laws and surfaces as formulas."""
+        system = system_of(self.coef, self.feature_map, self.surface, self.discrete_time)
+        return system.checked(self.velocity, self.mode)
+
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         """Velocity (or next state) at one point in one mode."""
         return self.coef[mode] @ self.feature_map.at(np.concatenate([x, u]))
@@ -162,6 +169,13 @@ class FittedModel(Protocol):
     @property
     def switching_model(self) -> SwitchingModel:
         """Vector fields, feature map and surface as one system."""
+
+
+class WithSwitchingModel(ToOtherTools):
+    """A model that other tools can be told, by its switching system."""
+
+    def to_hybrid_system(self) -> HybridSystem:
+        return fitted_system(self).to_hybrid_system()
 
 
 def _sides(number: int, surface: WithEquations, style: str) -> str:

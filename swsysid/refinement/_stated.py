@@ -14,7 +14,7 @@ from swsysid._checks.arrays import numbers, table, truth_values
 from swsysid._checks.parameters import flag, names_of_columns, shown
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array, Trajectory
-from swsysid._simulation.model import SwitchingModel
+from swsysid._simulation.model import SwitchingModel, WithSwitchingModel
 from swsysid._surfaces.mode_books import decisions
 from swsysid._surfaces.surface import LinearForm, Surface
 
@@ -84,6 +84,22 @@ class ParametricLibrary(TransformerMixin, BaseEstimator):
             terms[:, k] = function(*(values[argument] for argument in _arguments(function)))
         return terms
 
+    @property
+    def terms(self) -> list[tuple[Callable, str, tuple[int, ...]]]:
+        """Each term as a function of columns, its name, and the columns that it takes."""
+        return [self._term(name, function) for name, function in self.functions.items()]
+
+    def _term(self, name: str, function: Callable) -> tuple[Callable, str, tuple[int, ...]]:
+        wanted, known = _arguments(function), self.parameters or {}
+        places = tuple(self.columns.index(one) for one in wanted if one in self.columns)
+        given = [one for one in wanted if one not in self.columns]
+
+        def of_columns(*columns: object) -> object:
+            values = dict(zip((self.columns[place] for place in places), columns, strict=True))
+            return function(**values, **{one: known[one] for one in given})
+
+        return of_columns, name, places
+
     def get_feature_names_out(self, input_features=None):
         """Names of the terms."""
         return np.array(list(self.functions), dtype=object)
@@ -152,6 +168,11 @@ class StatedSurface:
         """No surface at all."""
         return cls(np.empty((0, 1)), 0, np.empty((1, 0)))
 
+    @property
+    def powers(self) -> None:
+        """Of no features: a library makes them."""
+        return None
+
     def surface_values(self, X: ArrayLike) -> Array:
         """Values of all surfaces, (n_samples, n_surfaces)."""
         X = table("X", X)
@@ -201,7 +222,7 @@ class StatedSurface:
         return self._map
 
 
-class StatedModel:
+class StatedModel(WithSwitchingModel):
     """A switching system stated by its terms and coefficients, to start a refinement from.
 
     For states that are not measured there are no velocities to fit, so the law is written down

@@ -21,6 +21,7 @@ MODULES = (
     "swsysid.diagnosis",
     "swsysid.differentiation",
     "swsysid.effects",
+    "swsysid.exporting",
     "swsysid.metrics",
     "swsysid.plotting",
     "swsysid.refinement",

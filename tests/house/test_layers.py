@@ -15,7 +15,8 @@ PACKAGE = Path(swsysid.__file__).parent
 
 # A folder is a layer, and so is a file at the top: it imports from itself and from those before it.
 LAYERS = """
-_checks _rendering _results _ties _whole_or_nothing _noise _data _tables differentiation metrics
+_checks _rendering _results _ties _whole_or_nothing _noise _data _tables exporting
+differentiation metrics
 _known _solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding
 _identification _simulation _automaton weak_form _free_rollouts _regressor uncertainty _stays
 refinement _verdict _trajectory_identifier
@@ -25,7 +26,8 @@ _displays _residual_report _output_error _effect_search
 _saving diagnosis plotting report results __init__ _cli __main__
 """.split()
 MAX_LINES = 400
-HEAVY = {"cvxpy", "pysindy", "matplotlib", "pandas", "pooch", "statsmodels", "dask", "distributed"}
+HEAVY = {"cvxpy", "pysindy", "matplotlib", "pandas", "pooch", "statsmodels", "dask", "distributed",
+         "sympy", "control", "casadi"}  # fmt: skip
 FILES = sorted(
     path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py")
 )

@@ -15,7 +15,8 @@ import swsysid
 
 ROOT = Path(__file__).parents[2]
 _IMPORTED_AS = {"scikit-learn": "sklearn"}
-_OPTIONAL = ("plot", "excel", "parquet", "dask", "pysindy")  # extras of users
+# extras of users
+_OPTIONAL = ("plot", "excel", "parquet", "dask", "pysindy", "sympy", "control", "casadi")
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 

@@ -41,41 +41,45 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # (`_automaton`, `_discrete_stays`); two are found (`_automaton_search/conditions`). Verdicts
 # compare over longer stretches where short ones tell nothing, and say so (`_verdict`). What is
 # known of laws is read, and is one set of linear constraints (`_known`), which the one descent of
-# recordings meets and whose sentences it tests (`_stays`; `top`).
+# recordings meets and whose sentences it tests (`_stays`; `top`). Models are written for other
+# tools (`exporting`): each kind of them says itself in formulas (`_simulation`, `_automaton`,
+# `_effect_model`, `refinement`; a method in `top` and `_effect_search`); the command line works
+# with saved ones (`_cli`).
 MOST_LINES = {
-    "_automaton": 3250,
+    "_automaton": 3290,
     "_automaton_search": 5240,
     "_checks": 600,
-    "_cli": 3640,
+    "_cli": 3850,
     "_data": 2310,
     "datasets": 2530,
     "differentiation": 1590,
     "_discrete_stays": 2110,
     "_displays": 1590,
-    "_effect_model": 2250,
-    "_effect_search": 9570,
+    "_effect_model": 2420,
+    "_effect_search": 9580,
     "effects": 4010,
+    "exporting": 2700,
     "_free_rollouts": 860,
     "_identification": 2710,
     "_known": 1120,
     "_losses": 760,
     "metrics": 720,
     "_output_error": 2240,
-    "refinement": 1720,
+    "refinement": 1740,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2370,
     "_saving": 720,
     "_seeding": 1360,
-    "_simulation": 1820,
+    "_simulation": 1900,
     "_solvers": 1290,
     "_stays": 9240,
     "_surfaces": 2310,
     "_tables": 1080,
     "_verdict": 1720,
-    "top": 3540,
+    "top": 3590,
 }
-MOST_FILES = 390  # four say verdicts that were the command line's; settings of SpaceEx, conditions
+MOST_FILES = 411  # four say verdicts that were the command line's; settings of SpaceEx, conditions
 MOST_SETTINGS = 539
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 

@@ -1,0 +1,302 @@
+"""What the source of a unit has beside its formulas: the interface of FMI 2 for model exchange.
+
+The names that begin with ``NAME`` are replaced by that of the model.
+"""
+
+INTERFACE = r"""
+typedef struct {
+    double t, entered, x[NAME_N], u[NAME_U], shift[NAME_E];
+    int mode, asked, armed[NAME_E], begun;  /* asked: the mode of the model to start in, -1 any */
+    double start[NAME_N];
+} NAME_unit;
+
+static double NAME_value(const NAME_unit *m, int edge)
+{
+    return NAME_guard(edge, m->x, m->u, m->t - m->entered, m->t);
+}
+
+static double NAME_ahead(const NAME_unit *m, int edge, const double *f, double step)
+{
+    double x[NAME_N];
+    for (int n = 0; n < NAME_N; n++) x[n] = m->x[n] + step * f[n];
+    return NAME_guard(edge, x, m->u, m->t + step - m->entered, m->t + step);
+}
+
+/* An indicator is a guard less a shift until it has fired, and plus the shift from then on until
+   it has fallen below zero again: it is never zero where the integration starts anew. */
+static void NAME_enter(NAME_unit *m)
+{
+    double f[NAME_N] = {0};
+    NAME_rhs(m->mode, m->x, m->u, m->t, f);
+    for (int e = 0; e < NAME_EDGES; e++) {
+        if (NAME_source[e] != m->mode) continue;
+        double value = NAME_value(m, e), size = 0.0, x[NAME_N];
+        memcpy(x, m->x, sizeof x);
+        for (int n = 0; n < NAME_STATES; n++) {
+            double step = 1e-6 * (fabs(x[n]) + NAME_size[n]);
+            double change = HUGE_VAL;  /* the less of both sides: a condition may jump on one */
+            for (int side = -1; side <= 1; side += 2) {
+                x[n] = m->x[n] + side * step;
+                double there = NAME_guard(e, x, m->u, m->t - m->entered, m->t);
+                change = fmin(change, fabs(there - value));
+            }
+            size += change / step * (NAME_size[n] + fabs(m->x[n]));
+            x[n] = m->x[n];
+        }
+        m->shift[e] = fmax(1e-10 * size, 1e-12 * (1.0 + fabs(m->t)));
+        int rises = NAME_ahead(m, e, f, 1e-6) > NAME_ahead(m, e, f, -1e-6);
+        m->armed[e] = value < -m->shift[e] || rises || value > 1e4 * m->shift[e];
+    }
+}
+
+static void NAME_settle(NAME_unit *m)
+{
+    for (int count = 0; count <= 8 * (NAME_EDGES + 1); count++) {
+        int due = -1;
+        for (int e = 0; e < NAME_EDGES && due < 0; e++) {
+            if (NAME_source[e] != m->mode) continue;
+            double value = NAME_value(m, e);
+            if (m->armed[e] && value >= 0.0) due = e;
+            if (!m->armed[e] && value < -m->shift[e]) m->armed[e] = 1;
+        }
+        if (due < 0) return;
+        double x[NAME_N];
+        NAME_reset(due, m->x, m->u, m->t - m->entered, m->t, x);
+        memcpy(m->x, x, NAME_STATES * sizeof *x);
+        m->mode = NAME_target[due];
+        m->entered = m->t;
+        NAME_enter(m);
+    }
+}
+
+static double *NAME_place(NAME_unit *m, fmi2ValueReference vr)
+{
+    if (vr < NAME_STATES) return m->x + vr;
+    vr -= 2 * NAME_STATES;
+    return vr < NAME_INPUTS ? m->u + vr : NULL;
+}
+
+const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
+const char *fmi2GetVersion(void) { return fmi2Version; }
+
+fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String place,
+                              const fmi2CallbackFunctions *calls, fmi2Boolean seen, fmi2Boolean log)
+{
+    (void)name; (void)place; (void)calls; (void)seen; (void)log;
+    if (type != fmi2ModelExchange || strcmp(guid, NAME_GUID)) return NULL;
+    NAME_unit *m = calloc(1, sizeof *m);
+    if (m) fmi2Reset(m);
+    return m;
+}
+
+void fmi2FreeInstance(fmi2Component c) { free(c); }
+
+fmi2Status fmi2Reset(fmi2Component c)
+{
+    NAME_unit *m = c;
+    memset(m, 0, sizeof *m);
+    memcpy(m->x, NAME_origin, NAME_STATES * sizeof *m->x);
+    m->asked = NAME_first;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance,
+                               fmi2Real start, fmi2Boolean has_stop, fmi2Real stop)
+{
+    (void)has_tolerance; (void)tolerance; (void)has_stop; (void)stop;
+    ((NAME_unit *)c)->t = start;
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterInitializationMode(fmi2Component c) { (void)c; return fmi2OK; }
+
+fmi2Status fmi2ExitInitializationMode(fmi2Component c)
+{
+    NAME_unit *m = c;
+    m->mode = NAME_start(m->x, m->u, m->t, m->asked);
+    if (m->mode < 0) return fmi2Error;
+    m->entered = m->t;
+    m->begun = 1;
+    NAME_enter(m);
+    return fmi2OK;
+}
+
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
+{
+    NAME_unit *m = c;
+    double before[NAME_N];
+    memcpy(before, m->x, sizeof before);
+    NAME_settle(m);
+    info->newDiscreteStatesNeeded = fmi2False;
+    info->terminateSimulation = fmi2False;
+    info->nominalsOfContinuousStatesChanged = fmi2False;
+    info->valuesOfContinuousStatesChanged = memcmp(before, m->x, sizeof before) != 0;
+    info->nextEventTimeDefined = fmi2False;
+    info->nextEventTime = 0.0;
+    return fmi2OK;
+}
+
+fmi2Status fmi2EnterEventMode(fmi2Component c) { (void)c; return fmi2OK; }
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { (void)c; return fmi2OK; }
+fmi2Status fmi2Terminate(fmi2Component c) { (void)c; return fmi2OK; }
+
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean last, fmi2Boolean *enter,
+                                       fmi2Boolean *stop)
+{
+    (void)c; (void)last;
+    *enter = *stop = fmi2False;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t) { ((NAME_unit *)c)->t = t; return fmi2OK; }
+
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n)
+{
+    memcpy(((NAME_unit *)c)->x, x, n * sizeof *x);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
+{
+    memcpy(x, ((NAME_unit *)c)->x, n * sizeof *x);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n)
+{
+    NAME_unit *m = c;
+    (void)n;
+    NAME_rhs(m->mode, m->x, m->u, m->t, dx);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n)
+{
+    NAME_unit *m = c;
+    for (size_t e = 0; e < n; e++) {
+        z[e] = -1.0;
+        if (NAME_source[e] == m->mode)
+            z[e] = (NAME_value(m, (int)e) + (m->armed[e] ? -m->shift[e] : m->shift[e]));
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
+{
+    (void)c;
+    memcpy(x, NAME_size, n * sizeof *x);
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
+{
+    NAME_unit *m = c;
+    for (size_t k = 0; k < n; k++) {
+        const double *place = NAME_place(m, vr[k]);
+        double dx[NAME_N] = {0};
+        if (place) { value[k] = *place; continue; }
+        if (vr[k] >= 2 * NAME_STATES) return fmi2Error;
+        NAME_rhs(m->begun ? m->mode : NAME_start(m->x, m->u, m->t, m->asked), m->x, m->u, m->t, dx);
+        value[k] = dx[vr[k] - NAME_STATES];
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                       const fmi2Real value[])
+{
+    for (size_t k = 0; k < n; k++) {
+        double *place = NAME_place(c, vr[k]);
+        if (!place) return fmi2Error;
+        *place = value[k];
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                          fmi2Integer value[])
+{
+    NAME_unit *m = c;
+    int mode = m->begun ? m->mode : NAME_start(m->x, m->u, m->t, m->asked);
+    for (size_t k = 0; k < n; k++)
+        value[k] = vr[k] == NAME_ASKED ? m->asked : mode < 0 ? -1
+                   : vr[k] == NAME_ASKED + 1 ? NAME_label[mode] : mode;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t n,
+                          const fmi2Integer value[])
+{
+    for (size_t k = 0; k < n; k++) {
+        if (vr[k] != NAME_ASKED) return fmi2Error;
+        ((NAME_unit *)c)->asked = value[k];
+    }
+    return fmi2OK;
+}
+
+#define NONE(what, type)                                                                          \
+    fmi2Status fmi2Get##what(fmi2Component c, const fmi2ValueReference vr[], size_t n, type v[])   \
+    { (void)c; (void)vr; (void)v; return n ? fmi2Error : fmi2OK; }                                 \
+    fmi2Status fmi2Set##what(fmi2Component c, const fmi2ValueReference vr[], size_t n,             \
+                             const type v[])                                                       \
+    { (void)c; (void)vr; (void)v; return n ? fmi2Error : fmi2OK; }
+NONE(Boolean, fmi2Boolean)
+NONE(String, fmi2String)
+
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String names[])
+{
+    (void)c; (void)on; (void)n; (void)names;
+    return fmi2OK;
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *s)
+{
+    if (!*s) *s = malloc(sizeof(NAME_unit));
+    if (!*s) return fmi2Error;
+    memcpy(*s, c, sizeof(NAME_unit));
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s)
+{
+    memcpy(c, s, sizeof(NAME_unit));
+    return fmi2OK;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *s)
+{
+    (void)c;
+    free(*s);
+    *s = NULL;
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate s, size_t *n)
+{
+    (void)c; (void)s;
+    *n = sizeof(NAME_unit);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate s, fmi2Byte b[], size_t n)
+{
+    (void)c;
+    memcpy(b, s, n);
+    return fmi2OK;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b[], size_t n, fmi2FMUstate *s)
+{
+    fmi2Status done = fmi2GetFMUstate(c, s);
+    if (done == fmi2OK) memcpy(*s, b, n);
+    return done;
+}
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference y[], size_t n,
+                                        const fmi2ValueReference x[], size_t m,
+                                        const fmi2Real dx[], fmi2Real dy[])
+{
+    (void)c; (void)y; (void)n; (void)x; (void)m; (void)dx; (void)dy;
+    return fmi2Error;
+}
+"""
