@@ -142,7 +142,6 @@ class Search:
             n_candidates += len(modes)
             options = [*modes, *options]
         options = [option for option in options if option.cost < current.cost]
-        options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
         while options:
             best = preferred(self.context, options)
@@ -219,21 +218,6 @@ class Search:
             for option in options
             if not option.adds_a_mode and is_promising(self.context, current, option, n_candidates)
         ]
-
-    def _without_delayed(
-        self, current: Structure, options: list[Structure], n_candidates: int
-    ) -> list[Structure]:
-        """Options without guards that remember where the states jump at the switches.
-
-        Measured states that jump tell their switch late, as if the guard remembered; a guard that
-        does makes no state jump.
-        """
-        jumps = self.context.data.decoded_modes is not None and any(
-            isinstance(option.last, ResetEffect)
-            and is_promising(self.context, current, option, n_candidates)
-            for option in options
-        )
-        return [one for one in options if not (jumps and isinstance(one.last, GuardEffect))]
 
     def _compared_with_named(
         self, current: Structure, options: list[Structure], n_candidates: int
