@@ -25,7 +25,6 @@ from swsysid._effect_search.acceptance import (
     simplest,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
 from swsysid._effect_search.scan import is_filter_artefact, proposals
@@ -33,13 +32,7 @@ from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
-from swsysid.effects import (
-    GuardEffect,
-    MeasurementEffect,
-    PlacedEffect,
-    ResetEffect,
-    StructureEffect,
-)
+from swsysid.effects import GuardEffect, MeasurementEffect, ResetEffect, StructureEffect
 
 _price = attrgetter("price")
 
@@ -242,7 +235,6 @@ class Search:
         if best.fit.n_modes == 1 and best.last.terms and current.cost - best.cost < least:
             return None
         best = self._agreed(self.context.with_modes_anew(best), place)
-        best = self._or_of_its_channel(best, place)
         best = self._or_corrected(best, place)
         if not is_promising(self.context, current, best, n_candidates):
             return None
@@ -302,30 +294,6 @@ class Search:
             best = tried
             if same:
                 break
-        return best
-
-    def _or_of_its_channel(self, best: Structure, place: int) -> Structure:
-        """The structure or, where that is clearly better, another effect of a term's channel."""
-        # In a scan rows have no weight that are gross with the term at hand, and these may be what
-        # tells it from another effect. In whole structures each has its own weights.
-        term, context = best.terms[place], self.context
-        if not term.effect.terms:
-            return best
-        base = context.candidates(best.fit, without=(place,))
-        top, _ = context.scanned(base)
-        least = context.settings.gain_a_row * context.n_rows
-        others: dict[str, PlacedEffect] = {}
-        for trial in top:
-            other = trial.candidate
-            same = (other.place, other.target) == (term.place, term.target)
-            if same and other.effect.kind != term.effect.kind:
-                if float(base.gains([trial]).sum()) > least:
-                    others.setdefault(other.effect.kind, other)
-        options = [context.exchanged(best, place, other) for other in others.values()]
-        cheapest = least_of(options or [best], _price)
-        gained = BlockSum.of(context.data.folds.block_sums(best.rows - cheapest.rows))
-        if cheapest.price < best.price - least and gained.chance <= context.significance:
-            return self._agreed(cheapest, place)
         return best
 
     def _or_corrected(self, best: Structure, place: int) -> Structure:
