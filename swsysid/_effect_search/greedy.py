@@ -235,7 +235,6 @@ class Search:
         if best.fit.n_modes == 1 and best.last.terms and current.cost - best.cost < least:
             return None
         best = self._agreed(self.context.with_modes_anew(best), place)
-        best = self._or_corrected(best, place)
         if not is_promising(self.context, current, best, n_candidates):
             return None
         found = finding(self.context, best, place, current)
@@ -295,15 +294,6 @@ class Search:
             if same:
                 break
         return best
-
-    def _or_corrected(self, best: Structure, place: int) -> Structure:
-        """The structure or, where that is cheaper, an effect of a sensor in a term's place."""
-        # With wrong modes no correction of a record lets the laws fit; with those found it may.
-        if not best.terms[place].effect.terms:
-            return best
-        others = self.context.corrections(best, place)
-        cheapest = least_of(others or [best], _price)
-        return cheapest if cheapest.price < best.price - self.context.settings.tie else best
 
     def _or_columns(
         self, best: Structure, place: int, top: list[Trial], base: CandidateContext
