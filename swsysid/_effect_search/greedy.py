@@ -244,7 +244,7 @@ class Search:
     # -- terms in question -----------------------------------------------------------------------
 
     def _questioned(self, structure: Structure) -> Structure:
-        """Every term in the light of the others, without those that are no longer needed."""
+        """Every term in the light of the others."""
         if len(structure.terms) == 1:
             return structure
         for _ in range(self.context.settings.n_questions):
@@ -253,19 +253,6 @@ class Search:
                 structure = self._agreed(structure, place)
             if before == [term.signature for term in structure.terms]:
                 break
-        return self._pruned(structure)
-
-    def _pruned(self, structure: Structure) -> Structure:
-        """Without the terms whose loss costs less than chance would give."""
-        needed = np.log(1.0 / self.context.significance)
-        place = 0
-        while place < len(structure.terms) and len(structure.terms) > 1:
-            fewer = self.context.without(structure, place)
-            is_reset = isinstance(structure.terms[place].effect, ResetEffect)
-            if not is_reset and fewer.price < structure.price + needed:
-                structure = fewer
-            else:
-                place += 1
         return structure
 
     def _agreed(self, best: Structure, place: int) -> Structure:
