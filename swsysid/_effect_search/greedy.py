@@ -136,19 +136,9 @@ class Search:
             options = [*modes, *options]
         options = [option for option in options if option.cost < current.cost]
         options = self._compared_with_named(current, options, n_candidates)
-        while options:
-            best = preferred(self.context, options)
-            found = self._accepted(current, best, n_candidates)
-            if found is not None:
-                return found
-            # what looked best does not bear being questioned: perhaps another kind does
-            options = [
-                option
-                for option in options
-                if option.last.kind != best.last.kind
-                and is_promising(self.context, current, option, n_candidates)
-            ]
-        return None
+        if not options:
+            return None
+        return self._accepted(current, preferred(self.context, options), n_candidates)
 
     def _proposed(self, current: Structure, base: CandidateContext) -> list[Structure]:
         """Structures with effects that are more than columns."""
