@@ -65,15 +65,6 @@ class Finding:
 
 def finding(context: SearchContext, structure: Structure, place: int, *fewer: Structure) -> Finding:
     """p-value and rivals of one term in the light of all others."""
-    judged = _beside_the_others(context, *_without_what_contains(context, structure, place), fewer)
-    # without the shapes that contain it the modes of a fit may be numbered anew
-    return replace(judged, candidate=structure.terms[place])
-
-
-def _beside_the_others(
-    context: SearchContext, structure: Structure, place: int, fewer: Iterable[Structure]
-) -> Finding:
-    """p-value and rivals of one term of a structure without the shapes that contain it."""
     # This p-value is the only one by which an effect enters, stays and is reported, and it is
     # multiplied by the number of all candidates that could have won. One of a term without columns
     # is of its gain on the structure without it, and on each of `fewer`.
@@ -118,27 +109,6 @@ def at_modes_found_with_it(n_candidates: int, chance: float, again: float) -> fl
     two tests of the same effect the clearer one counts, corrected for both, and neither may fail.
     """
     return max(2.0 * n_candidates * min(chance, again), chance, again)
-
-
-def _without_what_contains(
-    context: SearchContext, structure: Structure, place: int
-) -> tuple[Structure, int]:
-    """A structure without the shapes of which a term is a special case, and the term's place.
-
-    A term with a name says nothing beside them that they could not say; so they are the ones that
-    have to say more.
-    """
-    term = structure.terms[place]
-    for number in reversed(range(len(structure.terms))):
-        if contains(structure.terms[number], term):
-            structure = context.without(structure, number)
-            place -= number < place
-    return structure, place
-
-
-def contains(shape: PlacedEffect, term: PlacedEffect) -> bool:
-    """Whether a term says nothing that a shape in the same equation and modes cannot say."""
-    return shape.mode in (None, term.mode) and shares_channels(shape, term)
 
 
 def shares_channels(shape: PlacedEffect, term: PlacedEffect) -> bool:
