@@ -68,18 +68,7 @@ class Unknowns:
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
             structure = least_of([best, *level], lambda option: len(option.terms), _cost)
-        return self._resolved(self._merged(self._one_for_several(structure)))
-
-    def _one_for_several(self, structure: Structure) -> Structure:
-        """One shape unless several effects with a name of the same channel are better than it.
-
-        Two of them can imitate what neither is, and which two is anybody's guess.
-        """
-        for group in _of_one_channel(structure):
-            option = self._instead(structure, group)
-            if len(option.terms) < len(structure.terms) and not self._is_better(structure, option):
-                return self._one_for_several(option)
-        return structure
+        return self._resolved(self._merged(structure))
 
     def _merged(self, structure: Structure) -> Structure:
         """One shape where terms beside it depend on nothing else, unless much is lost."""
