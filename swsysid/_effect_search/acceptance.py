@@ -111,16 +111,6 @@ def at_modes_found_with_it(n_candidates: int, chance: float, again: float) -> fl
     return max(2.0 * n_candidates * min(chance, again), chance, again)
 
 
-def shares_channels(shape: PlacedEffect, term: PlacedEffect) -> bool:
-    """Whether a term depends on nothing but the channels of a shape in the same equation."""
-    return (
-        isinstance(shape.effect, UnknownFunction)
-        and term != shape
-        and term.target == shape.target
-        and channels_of(term) <= set(shape.effect.channels)
-    )
-
-
 def channels_of(term: PlacedEffect) -> set[object]:
     """Channels whose present values a term depends on, and its kind where it is none."""
     if isinstance(term.effect, UnknownFunction):

@@ -18,7 +18,6 @@ from swsysid._effect_search.acceptance import (
     at_modes_found_with_it,
     channels_of,
     is_promising,
-    shares_channels,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import structural_evidence
@@ -68,19 +67,7 @@ class Unknowns:
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
             structure = least_of([best, *level], lambda option: len(option.terms), _cost)
-        return self._resolved(self._merged(structure))
-
-    def _merged(self, structure: Structure) -> Structure:
-        """One shape where terms beside it depend on nothing else, unless much is lost."""
-        most = self.named.settings.gain_a_row * self.named.n_rows
-        for _ in range(len(structure.terms)):
-            merged = (self._instead(structure, group) for group in _nested(structure))
-            fewer = [option for option in merged if option.cost < structure.cost + most]
-            fewer = [option for option in fewer if len(option.terms) < len(structure.terms)]
-            if not fewer:
-                break
-            structure = least_of(fewer, _cost)
-        return structure
+        return self._resolved(structure)
 
     def _resolved(self, structure: Structure) -> Structure:
         """The structure with as many knots of each shape as it is better with."""
@@ -306,13 +293,3 @@ def _imitated(structure: Structure, place: int) -> list[int]:
     if not effect.terms or isinstance(effect, UnknownFunction):
         return []
     return next((one for one in _of_one_channel(structure) if place in one), [place])
-
-
-def _nested(structure: Structure) -> list[list[int]]:
-    """Pairs of a shape and a term in the same equation that depends on the same channels only."""
-    return [
-        [place, number]
-        for place, shape in enumerate(structure.terms)
-        for number, term in enumerate(structure.terms)
-        if shares_channels(shape, term)
-    ]
