@@ -171,22 +171,9 @@ class Unknowns:
         worth = settings.mode_gain_a_row if is_mode else settings.gain_a_row
         worth *= self.named.n_rows
         limit = min(error, worth) if len(group) == 1 and not is_mode else worth
-        if gain > limit and not self._follows_the_same(structure, group):
+        if gain > limit:
             return finding
         return replace(finding, rivals=(*finding.rivals, option.terms[-1]))
-
-    def _follows_the_same(self, structure: Structure, group: list[int]) -> bool:
-        """Whether what is left over beside some terms is a function of their channels."""
-        terms = [structure.terms[place] for place in group]
-        channels = set.union(*map(channels_of, terms))
-        base = self.shapes.candidates(structure.fit)
-        top, n_candidates = self.shapes.scanned(base)
-        return any(
-            n_candidates * base.p_value(trial) <= self.named.significance
-            for trial in top
-            if channels_of(trial.candidate) <= channels
-            and trial.candidate.target in {term.target for term in terms}
-        )
 
     def _instead(self, structure: Structure, group: list[int]) -> Structure:
         """The structure with the best shape in the place of some terms."""
