@@ -184,11 +184,6 @@ class Fall:
         return self.fall.value <= 0.0 or self.promised > SETTINGS.shown * self.error
 
     @property
-    def is_nowhere(self) -> bool:
-        """True if neither the searched rows nor those untouched have errors that fall."""
-        return self.promised < 0.0 and not self.fall.is_clear
-
-    @property
     def is_rise(self) -> bool:
         """True if the error clearly rises."""
         return replace(self.fall, value=-self.fall.value).is_clear
@@ -283,9 +278,8 @@ class HeldOutJudge:
             shown = [self._shows(term) for term in structure.terms]
             useless = [
                 place
-                for place, (one, term) in enumerate(zip(gains, structure.terms, strict=True))
+                for place, one in enumerate(gains)
                 if (one.is_refuted if shown[place] else one.is_rise)
-                or (one.is_nowhere and term.effect.terms)
             ]
             if self.is_last and not useless and self._rises(structure.fit):
                 useless = list(range(len(fewer)))
