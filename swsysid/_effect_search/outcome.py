@@ -36,7 +36,7 @@ from swsysid._effect_search.folds import (
 )
 from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.recording import Measured
-from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
@@ -121,12 +121,8 @@ def search_beside(
     rng: np.random.RandomState,
     choices: Choices,
     most: int,
-    is_last: bool,
 ) -> Outcome:
-    """So many effects at most beside a declared model, `first` fitted to the searched rows.
-
-    It is not the last search where what it finds only serves to know the record better.
-    """
+    """So many effects at most beside a declared model, `first` fitted to the searched rows."""
     split = parts.of(measured.rows)
     records, rows = measured.records, split.search
     targets = measured.targets[rows]
@@ -150,7 +146,7 @@ def search_beside(
     )
     search = Search(context, most, choices.n_jobs, choices.verbose)
     structure, findings, rounds = search.run()
-    judge = HeldOutJudge(context, records, measured.targets, split.held_out, is_last)
+    judge = HeldOutJudge(context, records, measured.targets, split.held_out)
     steps = [one.structure for one in rounds]
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)
@@ -197,7 +193,6 @@ class HeldOutJudge:
     records: Records
     targets: Array  # of the whole record
     rows: NDArray[np.intp]
-    is_last: bool = True  # False where a recording will be better known with what is found
 
     @property
     def noise(self) -> StateNoise | None:
@@ -281,8 +276,6 @@ class HeldOutJudge:
                 for place, one in enumerate(gains)
                 if (one.is_refuted if shown[place] else one.is_rise)
             ]
-            if self.is_last and not useless and self._rises(structure.fit):
-                useless = list(range(len(fewer)))
             if not useless:
                 findings = tuple(
                     replace(finding, doubts=(*finding.doubts, _NOT_SHOWN))
@@ -304,30 +297,6 @@ class HeldOutJudge:
             structure = least_of(options, lambda option: option.price)
             structure, findings = confirmed(self.context, structure)
         return structure, findings, tuple(tried)
-
-    def _rises(self, fit: JointFit) -> bool:
-        """Whether the errors, gross ones and all, rise by a larger share than they fall."""
-        # Next to a surface a row may be on either side, and one of them decides a mean square: the
-        # effects are not to blame for a mode that even the model does not know.
-        declared, found = map(self.context.with_decoded_surface, (self.context.declared, fit))
-        counted = ~self._may_stick(found, self.rows)
-        if not counted.any():
-            return False
-        before = np.mean(self._errors(declared, self.rows)[counted] ** 2, axis=0)
-        after = np.mean(self._least_errors(found)[counted] ** 2, axis=0)
-        judged = self.context.data.counted_states
-        ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
-        return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
-
-    def _least_errors(self, fit: JointFit) -> Array:
-        """Errors of each row in the best of the modes that a fit deems possible there."""
-        possible = fit.mode_proba(self.records)[self.rows] >= SETTINGS.possible
-        errors = self.targets[self.rows] - fit.mode_velocities(self.records, self.rows)
-        sizes = np.sum((errors / self._scale) ** 2, axis=2).T
-        rows = np.arange(len(self.rows))
-        possible[rows, fit.predict_modes(self.records)[self.rows]] = True
-        best = np.argmin(np.where(possible, sizes, np.inf), axis=1)
-        return np.asarray(errors[best, rows])
 
     def _without(self, structure: Structure, place: int) -> JointFit:
         if len(structure.terms) == 1:

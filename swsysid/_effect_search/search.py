@@ -286,7 +286,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         stated, (plain, final) = self._declared, fits
         if measured.records.decoded_modes is not None and self.max_effects:
-            first = self._search(measured, parts, plain, rng, 1, is_last=False).structure.fit
+            first = self._search(measured, parts, plain, rng, 1).structure.fit
             self._declared, better = beside_effects(stated, measured, first)
             if better is not None and better.is_enough(parts):
                 start = better.fitted(self._declared, parts.of(better.rows).search)
@@ -306,7 +306,6 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         plain: JointFit,
         rng: np.random.RandomState,
         most: int,
-        is_last: bool = True,
     ) -> Outcome:
         """So many effects at most beside the declared model, fitted alone to the same rows."""
         choices = Choices(
@@ -316,7 +315,7 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
             self.n_jobs,
             self.verbose,
         )
-        return search_beside(self._declared, plain, measured, parts, rng, choices, most, is_last)
+        return search_beside(self._declared, plain, measured, parts, rng, choices, most)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
