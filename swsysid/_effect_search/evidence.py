@@ -179,8 +179,6 @@ class SlowForces:
         model = coloured(left, self.where)
         p_value = self._p_value(model, left, target)
         surely = p_value <= self.context.significance and self._is_slow(model, left)
-        if surely and _may_run_away(structure):
-            surely = self._is_beneath_all_rows(structure, target, left != 0.0)
         return (model, p_value) if surely else None
 
     def is_there(self, structure: Structure, target: int) -> bool:
@@ -242,18 +240,6 @@ class SlowForces:
         order, step = self._ordered[0], StepBefore.of(self.context.data, target)
         coef, *_ = step.law(features, y, order[left != 0.0])
         return np.where(left != 0.0, (y - features @ coef)[order], 0.0)
-
-    def _is_beneath_all_rows(
-        self, structure: Structure, target: int, usual: NDArray[np.bool_]
-    ) -> bool:
-        """Whether the law that has seen all of the usual rows leaves a force as well."""
-        # Beyond what a part of the rows has shown of a function, it is wrong for as long as the
-        # state stays there.
-        where, rows = self.where.taken(usual), self._ordered[0][usual]
-        features, y = self._law(structure, target)
-        model, left = beneath_a_law(features[rows], y[rows], where)
-        lead = _lead(model, white(left), left, where)
-        return lead >= self.context.settings.gain_a_row * len(left)
 
     def _law(
         self, structure: Structure, target: int, modes: NDArray[np.intp] | None = None
