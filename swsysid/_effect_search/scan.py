@@ -315,7 +315,7 @@ def is_filter_artefact(context: CandidateContext, trial: Trial) -> bool:
     effect = trial.candidate.effect
     if not isinstance(effect, Remembering):
         return False
-    return _between_samples(context, trial) or _foreseen(context, trial, effect)
+    return _between_samples(context, trial)
 
 
 def _between_samples(context: CandidateContext, trial: Trial) -> bool:
@@ -335,20 +335,6 @@ def _between_samples(context: CandidateContext, trial: Trial) -> bool:
         direct = float(channel @ at_once) / float(channel @ channel)
     late = own * candidate.theta[0] / (own + direct)
     return bool(0.0 <= late <= context.data.settings.held_late * context.records.step)
-
-
-def _foreseen(context: CandidateContext, trial: Trial, effect: Remembering) -> bool:
-    """Whether the future of an input explains about as much as its past: a filter smears both."""
-    candidate, context = trial.candidate, replace(context, kept={})
-    where = (candidate.place, candidate.target, candidate.mode, candidate.replaced)
-    for other in scan(context, Foreseeing(effect)):
-        twin = other.candidate
-        if (twin.place, twin.target, twin.mode, twin.replaced) == where:
-            past, future = context.gains([trial, other]).sum(axis=1)
-            # beside its present value a channel's past and its future have opposite coefficients
-            alike = _gain_of(context, trial) * _gain_of(context, other) > 0.0
-            return bool(future > context.data.settings.foreseen * past and alike)
-    return False
 
 
 def _gain_of(context: CandidateContext, trial: Trial) -> float:
