@@ -22,7 +22,6 @@ from swsysid.effects import (
     MeasurementEffect,
     PlacedEffect,
     ResetEffect,
-    StructureEffect,
     UnmeasuredDisturbance,
 )
 

@@ -38,7 +38,7 @@ from swsysid.effects import (
     StructureEffect,
 )
 from swsysid.effects._base import Place
-from swsysid.effects._memory import Foreseeing, Remembering
+from swsysid.effects._memory import Remembering
 
 Mode = int | None  # all modes alike if None
 Solutions = dict[Mode, Solution]
