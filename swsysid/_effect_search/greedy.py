@@ -205,14 +205,8 @@ class Search:
     def _compared_with_named(
         self, current: Structure, options: list[Structure], n_candidates: int
     ) -> list[Structure]:
-        """Options among which one more mode has had to compete with the best effect with a name."""
-        # The weights of the first scan are those of a model without the effect, and its parameters
-        # are poor where what is missing is large; in a second scan they are found again. One more
-        # mode stays where it is far better than every effect that has a name.
+        """Options without one more mode that is not far better than every effect with a name."""
         context, with_name = self.context, self._promising(current, options, n_candidates)
-        if with_name and least_of(options, _price).adds_a_mode:
-            again = self._agreed(least_of(with_name, _price), len(current.terms))
-            options, with_name = [*options, again], [*with_name, again]
         limit = min(map(_price, with_name), default=np.inf)
         limit -= context.settings.mode_gain_a_row * context.n_rows
         return [option for option in options if not option.adds_a_mode or option.price < limit]
