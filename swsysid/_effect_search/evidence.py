@@ -1,12 +1,10 @@
 r"""Whether one structure predicts better than another one by chance.
 
-Three tests, each valid if the simpler structure is true, and the clearer of them counts, corrected
-for all. With likelihoods p of a row before and q after, :math:`z = (q - p) / (q + p)` has no
+Two tests, each valid if the simpler structure is true, and the clearer of them counts, corrected
+for both. With likelihoods p of a row before and q after, :math:`z = (q - p) / (q + p)` has no
 positive mean where p is true, whatever q is, for it is concave in q / p; unlike the logarithm, of
 which a few rows hold most, it is bounded. So (i) the sums of z in independent blocks, and (ii) bets
-on it, are tested. And (iii) the errors of the simpler structure are regressed on what the other one
-predicts besides: noise of any size has no share in that, and where it is the same everywhere a few
-stretches of the record are enough.
+on it, are tested.
 
 Where residuals remember each other for long a regression is hardly sure of anything, although the
 sample before says most of what they are. Likelihoods are compared with a force that is forgotten
@@ -34,7 +32,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import minimize_scalar
 
-from swsysid._effect_search.chance import BlockSum, Slope, chance_of_bets
+from swsysid._effect_search.chance import BlockSum, chance_of_bets
 from swsysid._effect_search.coloured_noise import (
     Coloured,
     Stretches,
@@ -63,10 +61,7 @@ class Evidence:
 def structural_evidence(context: SearchContext, before: Structure, after: Structure) -> Evidence:
     """Of predictions that are so much better."""
     by_blocks = _chance_of_gains(context, before, after)
-    if not _is_judged_unseen(after):
-        return Evidence(by_blocks, by_blocks)
-    besides = _errors_against_change(context, before, after)
-    return Evidence(min(1.0, 2.0 * min(by_blocks, besides.chance)), by_blocks)
+    return Evidence(by_blocks, by_blocks)
 
 
 def _is_judged_unseen(structure: Structure) -> bool:
@@ -94,20 +89,6 @@ def _chance_of_gains(context: SearchContext, before: Structure, after: Structure
     # surface is wrong now and then; and chance makes a likelihood ratio r with 1 / r at most.
     ratio = float(np.exp(min(0.0, (after.price - before.price) / remembered)))
     return min(1.0, 2.0 * min(chance, ratio))
-
-
-def _errors_against_change(context: SearchContext, before: Structure, after: Structure) -> Slope:
-    """The errors of one structure against what another one predicts besides."""
-    data, folds = context.data, context.data.folds
-    first, other = (context.unseen_rows(one).errors for one in (before, after))
-    scale = np.maximum(robust_scale(other), data.exact)
-    change = ((first - other) / scale)[:, data.counted_states]
-    gross = context.settings.gross
-    errors = np.clip(first / scale, -gross, gross)[:, data.counted_states]
-    # along the direction in which the two differ in each row
-    size = np.linalg.norm(change, axis=1)
-    along = np.sum(errors * change, axis=1) / np.where(size > 0.0, size, 1.0)
-    return Slope(size, along, np.ones(len(size)), folds.series, folds.blocks)
 
 
 @dataclass(frozen=True)
