@@ -326,14 +326,4 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     sure &= fit.surface_modes(searched) == fit.modes
     if np.mean(~sure) <= data.settings.most_unsure:
         weight = np.where(sure, weight, 0.0)
-    weight = np.where(data.may_stick(fit.terms, data.records, data.rows), 0.0, weight)
-    return np.where(_is_decoded(fit, data), weight, 0.0)
-
-
-def _is_decoded(fit: JointFit, data: SearchData) -> NDArray[np.bool_]:
-    """Rows of modes that have enough of them to predict some from the others."""
-    # A law of a handful of rows is anything where none of them is.
-    n_rows = np.bincount(fit.modes, minlength=fit.n_modes)
-    n_terms = fit.laws.support.sum(axis=2).max(axis=1)
-    enough = n_rows >= data.settings.rows_a_column * n_terms
-    return np.asarray((enough | ~enough.any())[fit.modes])
+    return np.where(data.may_stick(fit.terms, data.records, data.rows), 0.0, weight)
