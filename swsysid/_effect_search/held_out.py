@@ -70,16 +70,7 @@ def _mode_probabilities(fit: JointFit, data: SearchData) -> Array:
     surprise = data.settings.surprise
     if fit.guard is None:
         return _softened(fit.mode_proba(data.records.take(data.rows)), surprise)
-    sure = _of_a_sure_guard(fit, data)
-    if fit.n_modes > 2:
-        return sure  # a guard tells two modes apart, and nothing of one more
-    # Noise hides on which side of a band a state is: of the sizes that it may have the likeliest.
-    seen, options = corrected(fit.terms, data.records), [sure]
-    for softness in data.settings.softness:
-        second = fit.guard.switched_softly(seen, softness)[data.rows]
-        options.append(_softened(np.column_stack([1.0 - second, second]), surprise))
-    own = fit.modes[:, None]
-    return max(options, key=lambda option: np.log(np.take_along_axis(option, own, axis=1)).sum())
+    return _of_a_sure_guard(fit, data)
 
 
 def _of_a_sure_guard(fit: JointFit, data: SearchData) -> Array:

@@ -53,8 +53,6 @@ class SearchSettings:
 
     # -- structures ------------------------------------------------------------------------------
     surprise: float = 0.002  # probability that a surface is wrong where it is sure
-    # noise of what a guard looks at, of its spread: from what decides no row to all of a band
-    softness: tuple[float, ...] = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
     gross: float = 6.0  # robust standard deviations beyond which an error counts no more
     tie: float = 3.0  # gain within which structures are as good as each other
     hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
