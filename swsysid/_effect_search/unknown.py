@@ -60,7 +60,7 @@ class Unknowns:
         """The structure with shapes in the place of the terms that only approximate them."""
         for _ in range(len(structure.terms)):
             tried = [self._instead(structure, group) for group in _groups(structure)]
-            options = [option for option in tried if self._is_reason(option, structure)]
+            options = [option for option in tried if self._is_better(option, structure)]
             if not options:
                 break
             best = least_of(options, _cost)
@@ -99,17 +99,6 @@ class Unknowns:
         """By how much it predicts held-out rows better, and the standard error of that."""
         gains = self.named.data.folds.block_sums(than.rows - option.rows)
         return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
-
-    def _is_reason(self, option: Structure, than: Structure) -> bool:
-        """True if it is better, and by more where it names a channel that no term named before.
-
-        Of two channels that go together either can stand for the other: another one has to be worth
-        as much as one more effect.
-        """
-        other = {channel for term in option.terms for channel in channels_of(term)}
-        other -= {channel for term in than.terms for channel in channels_of(term)}
-        least = self.named.settings.gain_a_row * self.named.n_rows if other else 0.0
-        return option.cost < than.cost - least and self._is_better(option, than)
 
     def added(self, structure: Structure) -> tuple[Finding, Structure, int] | None:
         """The shape that explains what is left over, None if none does."""
