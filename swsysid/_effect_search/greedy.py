@@ -213,11 +213,7 @@ class Search:
 
     def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
         """An addition whose effect and modes agree and that is significant, or None."""
-        # The regression of one mode has been refined already, and questions change it little.
-        place, settings = len(current.terms), self.context.settings
-        least = settings.worth_a_question * settings.gain_a_row * self.context.n_rows
-        if best.fit.n_modes == 1 and best.last.terms and current.cost - best.cost < least:
-            return None
+        place = len(current.terms)
         best = self._agreed(self.context.with_modes_anew(best), place)
         if not is_promising(self.context, current, best, n_candidates):
             return None

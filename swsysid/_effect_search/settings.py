@@ -81,7 +81,6 @@ class SearchSettings:
     # Every record has an endless rest that is significant and small: 0.05 a row is an error
     # smaller by five per cent.
     gain_a_row: float = 0.05
-    worth_a_question: float = 0.5  # share of that gain: in one mode less of it will not become all
     share: float = 0.01  # of the squares that the declared model leaves over
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
