@@ -28,7 +28,6 @@ from swsysid._effect_search.folds import (
     Folds,
     SearchData,
     Split,
-    StateNoise,
     exact_states,
     exciting_folds,
     make_folds,
@@ -194,11 +193,6 @@ class HeldOutJudge:
     targets: Array  # of the whole record
     rows: NDArray[np.intp]
 
-    @property
-    def noise(self) -> StateNoise | None:
-        """Of the states, where velocities were made of them."""
-        return self.context.data.noise
-
     @cached_property
     def _folds(self) -> Folds:
         rng = np.random.RandomState(0)
@@ -216,25 +210,13 @@ class HeldOutJudge:
         """The untouched rows, and then those of the search."""
         return np.concatenate([self.rows, self.context.data.rows])
 
-    @cached_property
-    def _noise_of_declared(self) -> Array:
-        assert self.noise is not None
-        return self.noise.errors(self.context.declared, self.records, self._every)
-
-    def _units(self, fit: JointFit) -> Array:
-        """Usual errors of a fit, as far as the noise of the states is to blame for them."""
-        if self.noise is None:
-            return self._scale
-        own = self.noise.errors(fit, self.records, self._every)
-        return np.asarray(self._scale * own / self._noise_of_declared)
-
     def _errors(self, fit: JointFit, rows: NDArray[np.intp]) -> Array:
         return self.targets[rows] - fit.predict(self.records, rows=rows)
 
     def _falls(self, before: JointFit, after: JointFit) -> Array:
         """By how much the squares of the errors of `_every` row fall from one fit to another."""
         gross, rows = self.context.settings.gross, self._every
-        sizes = [np.abs(self._errors(fit, rows)) / self._units(fit) for fit in (before, after)]
+        sizes = [np.abs(self._errors(fit, rows)) / self._scale for fit in (before, after)]
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect
         judging = np.minimum(*(size.max(axis=1) for size in sizes)) < gross
