@@ -46,7 +46,6 @@ class SearchSettings:
     between_values: float = 0.25  # share of a gain that the nearest value of a scan shows at least
     fine: float = 1e-3  # of the distance between two values of a scan: below every interval
     n_sweeps: int = 5  # over parameters of one effect that trade off
-    foreseen: float = 0.5  # share of what the past explains: where the future does it is a filter
     sure_smear: float = 3.0  # standard errors of the correlation by which a filter is told
     held_late: float = 0.6  # steps: a held input is late by half of one, as far as it is known
     correction: float = 5.0  # gain for which the correction of a sensor is worth a fit
