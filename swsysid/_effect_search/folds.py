@@ -257,10 +257,9 @@ def make_folds(
 
 @dataclass(frozen=True)
 class StateNoise:
-    """Standard deviations of the white noise of measured states, and of the slopes made of it."""
+    """Standard deviations of the white noise of measured states."""
 
     states: Array  # (n_states,)
-    slopes: Array  # (n_states,)
 
     @classmethod
     def of(cls, rest: Array, windows: Windows) -> StateNoise | None:
@@ -270,9 +269,7 @@ class StateNoise:
             return None
         left, own = (rest - windows.values @ rest)[rows], windows.values.diagonal()[rows]
         # The weights of a projection: their squares sum to the one of the sample itself.
-        states = robust_scale(left / np.sqrt(1.0 - own)[:, None])
-        gain = np.sqrt(np.mean(windows.slopes[rows].power(2).sum(axis=1)))
-        return cls(states, gain * states)
+        return cls(robust_scale(left / np.sqrt(1.0 - own)[:, None]))
 
     def hides(
         self, terms: Sequence[PlacedEffect], records: Records, rows: NDArray[np.intp]

@@ -83,7 +83,7 @@ def test_noise_hides_rows_at_rest_where_there_is_dry_friction():
         np.array([4, 3, 2, 1, 0]),
     )
     friction = PlacedEffect(CoulombFriction(), 1, 1)
-    noise = StateNoise(np.array([1.0, 0.01]), np.array([1.0, 1.0]))
+    noise = StateNoise(np.array([1.0, 0.01]))
     hidden = noise.hides([friction], records, rows)
     assert hidden.tolist() == [False, False, True, True, False]
     assert not noise.hides([PlacedEffect(QuadraticDrag(), 1, 1)], records, rows).any()
