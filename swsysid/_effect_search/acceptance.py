@@ -3,13 +3,6 @@ r"""What may enter and stay: significance, worth, and which of several explanati
 Every record has an endless rest that is significant and small, and a structure that bends to
 anything explains whatever the first effect with a name leaves over. An addition must be more than
 chance over all candidates would give *and* worth its terms.
-
-How much of what a model leaves over could be explained by any function of the channels is known
-before one is fitted (`explainable_share`). Where residuals are :math:`r = f(x) + e` with noise e,
-those of a row and of its neighbours share f and nothing else: the mean of their products is about
-the mean square of f, whatever f is. That is how noise is told from structure before a model (the
-delta test: Pi, Peterson 1994, *Finding the embedding dimension and variable dependencies in time
-series*). Rows that follow each other and share noise raise the answer, so that it is a bound.
 """
 
 from __future__ import annotations
@@ -19,13 +12,13 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import Evidence, SlowForces, structural_evidence
 from swsysid._effect_search.scan import is_filter_artefact, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import is_smeared_mode
+from swsysid._residual_report.noise_floor import noise_floor
 from swsysid._results import Array
 from swsysid._ties import first_largest, least_of
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
@@ -33,7 +26,6 @@ from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunct
 FEW_STRETCHES = (
     "it lies in a few stretches of the record, and rests on the noise there being that of the rest"
 )
-_N_NEIGHBOURS = 4  # their mean has half of the noise, and they are hardly farther than the first
 
 
 @dataclass(frozen=True)
@@ -256,10 +248,12 @@ def leaves_a_mode(context: SearchContext, current: Structure, named: Structure |
 def _explainable(context: SearchContext, structure: Structure) -> tuple[Array, Array]:
     """Squares that a structure leaves in each state, and what share functions may explain."""
     errors = context.cut_errors(structure.fit)
-    points = context.data.records.X[context.data.rows]
-    share = explainable_share(points, errors, context.settings.shown)
-    share[sorted(context.data.exact_states)] = 0.0
-    return np.mean(errors**2, axis=0), share
+    points, squares = context.data.records.X[context.data.rows], np.mean(errors**2, axis=0)
+    share = np.zeros(len(squares))
+    for state in context.data.counted_states:
+        noise = noise_floor(errors[:, state], points).in_space
+        share[state] = 1.0 - np.nan_to_num(noise) ** 2 / squares[state]
+    return squares, np.clip(share, 0.0, 1.0)
 
 
 def preferred(context: SearchContext, options: list[Structure]) -> Structure:
@@ -268,33 +262,3 @@ def preferred(context: SearchContext, options: list[Structure]) -> Structure:
     rank = {effect.kind: place for place, effect in enumerate(context.effects)}
     ties = [option for option in options if option.price <= most]
     return least_of(ties, lambda option: rank[option.last.kind], attrgetter("price"))
-
-
-def explainable_share(points: Array, errors: Array, sure: float) -> Array:
-    """The largest share of the squares of each column that a function of points may explain.
-
-    `points` are (n_rows, n_channels) and `errors` (n_rows, n_columns); so many standard errors are
-    added to what neighbours share.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x = np.linspace(0, 1, 2000)[:, None]
-    >>> noise = np.random.default_rng(0).standard_normal((2000, 2))
-    >>> shares = explainable_share(x, noise + [3.0, 0.0] * np.sin(9 * x), sure=2.0)
-    >>> bool(0.8 < shares[0] < 0.9), bool(shares[1] < 0.1)  # 4.5 of 5.5, and nothing
-    (True, True)
-    """
-    if len(points) <= _N_NEIGHBOURS:
-        return np.ones(errors.shape[1])
-    spread = points.std(axis=0)
-    scaled = points / np.where(spread > 0.0, spread, 1.0)
-    near = cKDTree(scaled).query(scaled, _N_NEIGHBOURS + 1)[1]
-    other = near != np.arange(len(points))[:, None]
-    other[other.all(axis=1), -1] = False  # one of many rows at the same place
-    near = near[other].reshape(len(points), _N_NEIGHBOURS)
-    shared = errors * errors[near].mean(axis=1)
-    shared /= np.maximum(np.mean(errors**2, axis=0), np.finfo(float).tiny)
-    # two rows are neighbours of each other: their products are counted twice
-    error = np.sqrt(2.0 / len(points)) * shared.std(axis=0)
-    return np.asarray(np.clip(shared.mean(axis=0) + sure * error, 0.0, 1.0))
