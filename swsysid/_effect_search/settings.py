@@ -109,38 +109,12 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class ReportSettings:
-    """How much the text, the page and the pictures say and show."""
+    """What several of the text, the page and the pictures go by."""
 
-    # -- what is worth telling ----------------------------------------------------------------
     worth_telling: float = 0.01  # share by which an error is lowered
-    hidden: float = 0.5  # share of a fall: where gross rows leave less of it, both are told
-    smallest_p_value: float = 1e-16  # smaller ones are rounding
-    noise_alone: float = 1.3  # times the noise floor, which is known to a tenth or two: no more
-    smallest_error: float = 1e-12  # of the declared model's: sums of some terms have no more digits
-
-    # -- lists --------------------------------------------------------------------------------
     precision: int = 3  # digits of a law in text
-    names_in_text: int = 12  # lines of a terminal
-    names_on_page: int = 30  # words of a paragraph
-    most_rows: int = 40  # of a table of trajectories
-
-    # -- rollouts -----------------------------------------------------------------------------
     clearly_worse: float = 0.05  # share by which rollouts of recordings rise: beyond their luck
-    most_rollouts: int = 4  # each has a picture of its own
-    rollout_accuracy: float = 1e-5  # of the spreads of the states: no one measures more
-    least_noise: float = 1e-4  # of these spreads: less is rounding beside that accuracy
-    most_samples: int = 1000  # of one rollout: seconds of work, and all that a picture resolves
-
-    # -- pictures -----------------------------------------------------------------------------
-    most_dots: int = 3000
-    most_bars: int = 24  # whose names can be read
-    formulas: int = 3  # lines of a terminal
-    points: int = 101  # of the curve of a function without a name
-    longest_label: int = 34  # letters on one line
-    decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
-    jump: float = 0.02  # neighbours of a function differ by less than this share of its range
-    smallest_factor: float = 0.5  # of its usual size: a function is told where it is larger
-    stretch: int = 300  # samples of one trajectory that are shown where time is the axis
+    least_noise: float = 1e-4  # of the spreads of the states: less is rounding beside a rollout's
 
 
 SETTINGS, REPORT = SearchSettings(), ReportSettings()
