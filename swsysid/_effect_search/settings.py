@@ -57,7 +57,7 @@ class SearchSettings:
     hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
     same_modes: float = 0.995  # share of the rows: then an effect has left the modes as they were
     n_lately: int = 4  # fits whose candidates are remembered
-    n_answers: int = 12  # to each kind of question about structures that are remembered
+    n_answers: int = 48  # to questions about structures that are remembered
     n_restarts: int = 10  # kinds with which the modes are sought anew
     n_splits: int = 17  # thresholds of a channel: about every twentieth row of a mode
     n_questions: int = 3  # times that a term is scanned again at the modes found with it

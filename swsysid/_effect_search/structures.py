@@ -98,18 +98,9 @@ class SearchContext:
     lately: Remembered[CandidateContext] = field(
         default_factory=lambda: Remembered(SETTINGS.n_lately), repr=False
     )  # candidates beside fits
-    fewer: Remembered[Structure] = field(
+    answers: Remembered = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # structures without one of their terms
-    corrected: Remembered[list[Structure]] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # structures with a sensor's or clock's effect instead of a term
-    forgetful: Remembered[list[Structure]] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # structures with a guard that remembers nothing
-    unseen: Remembered[Unseen] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # rows that nothing of a structure has seen
+    )  # to questions about structures
 
     @property
     def settings(self) -> SearchSettings:
@@ -181,7 +172,9 @@ class SearchContext:
 
     def without_memory(self, structure: Structure, place: int) -> list[Structure]:
         """Structures with a guard that remembers nothing in the place of one that does."""
-        return self.forgetful.of(structure, (place,), lambda: self._forgetful(structure, place))
+        return self.answers.of(
+            structure, ("forgetful", place), lambda: self._forgetful(structure, place)
+        )
 
     def _forgetful(self, structure: Structure, place: int) -> list[Structure]:
         fit, term, records = structure.fit, structure.terms[place], self.data.records
@@ -199,7 +192,9 @@ class SearchContext:
 
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""
-        return self.fewer.of(structure, (place,), lambda: self._fitted_without(structure, place))
+        return self.answers.of(
+            structure, ("without", place), lambda: self._fitted_without(structure, place)
+        )
 
     def _fitted_without(self, structure: Structure, place: int) -> Structure:
         fit = structure.fit
@@ -252,7 +247,7 @@ class SearchContext:
 
     def unseen_rows(self, structure: Structure) -> Unseen:
         """What fits of the structure to the other folds make of every row."""
-        return self.unseen.of(structure, (), lambda: self._fitted_to_others(structure))
+        return self.answers.of(structure, ("unseen",), lambda: self._fitted_to_others(structure))
 
     def _fitted_to_others(self, structure: Structure) -> Unseen:
         data, modes = self.data, structure.fit.modes
@@ -306,8 +301,8 @@ class SearchContext:
 
     def corrections(self, structure: Structure, place: int) -> list[Structure]:
         """Structures with an effect of a sensor or clock in the place of a term."""
-        question = (place, *map(id, self.effects))
-        return self.corrected.of(structure, question, lambda: self._corrections(structure, place))
+        question = ("corrected", place, *map(id, self.effects))
+        return self.answers.of(structure, question, lambda: self._corrections(structure, place))
 
     def _corrections(self, structure: Structure, place: int) -> list[Structure]:
         base = self.candidates(structure.fit, without=(place,))
