@@ -14,7 +14,7 @@ from operator import attrgetter
 import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.evidence import Evidence, SlowForces, structural_evidence
+from swsysid._effect_search.evidence import SlowForces, chance_of_gains
 from swsysid._effect_search.scan import is_filter_artefact, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import is_smeared_mode
@@ -69,9 +69,8 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     top, n_trials = context.scanned(base, term.signature)
     count = context.n_hypotheses(base, n_trials)
     if not term.effect.terms:
-        gained = _of_a_structure(context, structure, place, base, fewer)
-        few = count * gained.chance_by_blocks > context.significance
-        return Finding.of(term, count * gained.chance, known, (FEW_STRETCHES,) if few else ())
+        chance = _chance_of_a_structure(context, structure, place, base, fewer)
+        return Finding.of(term, count * chance, known)
     if isinstance(term.effect, UnknownFunction):
         return _of_a_shape(term, base, top, count)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
@@ -83,13 +82,12 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     if count * chance > context.significance:
         # beneath a slow force a regression is sure of little: of two tests the clearer one counts
         without = context.without(structure, place)
-        beneath = SlowForces(context).evidence(without, structure, term.target)
-        chance = 2.0 * min(chance, beneath.chance)
-        by_blocks = 2.0 * min(by_blocks, beneath.chance_by_blocks)
+        beneath = SlowForces(context).chance(without, structure, term.target)
+        chance, by_blocks = 2.0 * min(chance, beneath[0]), 2.0 * min(by_blocks, beneath[1])
     doubts = (FEW_STRETCHES,) if count * by_blocks > context.significance else ()
     if structure.fit.n_modes == 1 or chance > context.significance:
         return Finding.of(term, count * chance, [*level, *known], doubts)
-    again = structural_evidence(context, context.without(structure, place), structure).chance
+    again = chance_of_gains(context, context.without(structure, place), structure)
     chance = at_modes_found_with_it(count, chance, again)
     return Finding.of(term, chance, [*level, *known], doubts)
 
@@ -129,27 +127,25 @@ def _of_a_shape(
     return Finding.of(term, count * base.p_value(own), rivals)
 
 
-def _of_a_structure(
+def _chance_of_a_structure(
     context: SearchContext,
     structure: Structure,
     place: int,
     base: CandidateContext,
     fewer: Iterable[Structure],
-) -> Evidence:
+) -> float:
     """Of what a term without columns gains."""
     term = structure.terms[place]
     effect, target = term.effect, term.target
     if isinstance(effect, ResetEffect):
-        chance = effect.gain(*base.jumping, target)[1]
-        return Evidence(chance, chance)
+        return effect.gain(*base.jumping, target)[1]
     others = [context.without(structure, place), *fewer]
     if is_smeared_mode(context.data, others[0].fit, structure.fit):
-        return Evidence(1.0, 1.0)
+        return 1.0
     if isinstance(effect, GuardEffect):
         # one that remembers nothing may tell the modes better than the surface all the same
         others += context.without_memory(structure, place)
-    evidence = [structural_evidence(context, other, structure) for other in others]
-    return max(evidence, key=attrgetter("chance"))
+    return max(chance_of_gains(context, other, structure) for other in others)
 
 
 def confirmed(

@@ -50,31 +50,13 @@ from swsysid._results import Array
 from swsysid.effects._memory import Remembering
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Probabilities of a gain by chance."""
-
-    chance: float
-    chance_by_blocks: float  # whatever the noise of each block is
-
-
-def structural_evidence(context: SearchContext, before: Structure, after: Structure) -> Evidence:
-    """Of predictions that are so much better."""
-    by_blocks = _chance_of_gains(context, before, after)
-    return Evidence(by_blocks, by_blocks)
-
-
-def _is_judged_unseen(structure: Structure) -> bool:
+def chance_of_gains(context: SearchContext, before: Structure, after: Structure) -> float:
+    """Of predictions that are so much better: of sums of gains in blocks, and of bets on them."""
+    gains = before.rows - after.rows
     # Modes, a surface and weights that were fitted to all rows bend to those that are to be
     # predicted; where there are several modes fits that have not seen the rows are judge.
-    return structure.fit.n_modes > 1 and structure.fit.guard is None
-
-
-def _chance_of_gains(context: SearchContext, before: Structure, after: Structure) -> float:
-    """Of gains of the rows: of their sums in blocks, and of bets on them."""
-    gains = before.rows - after.rows
-    if _is_judged_unseen(after):
-        gains = context.unseen_rows(before).cost - context.unseen_rows(after).cost
+    if after.fit.n_modes > 1 and after.fit.guard is None:
+        gains = context.unseen_cost(before) - context.unseen_cost(after)
     values, data = np.tanh(0.5 * gains), context.data
     # What it remembers by chance is what the residuals do.
     left = after.fit.residuals(data.records, data.rows, data.targets)
@@ -204,13 +186,16 @@ class SlowForces:
         alone, with_law = 0.5 * len(usual) * np.log(ratios)
         return float(with_law) if with_law < self.context.settings.observed * alone else None
 
-    def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
-        """Of what effects gain beside a force that they leave behind; none if there is none."""
+    def chance(self, fewer: Structure, structure: Structure, target: int) -> tuple[float, float]:
+        """Of what effects gain beside a force that they leave behind, and that by its blocks.
+
+        Both are one where there is none.
+        """
         if not self.context.data.records.timed or not self.is_there(structure, target):
-            return Evidence(1.0, 1.0)
+            return 1.0, 1.0
         gain, more = self.gain(fewer, structure, target)
         by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
-        return Evidence(float(by_chance), replace(gain, value=gain.value - more).chance)
+        return float(by_chance), replace(gain, value=gain.value - more).chance
 
     def _beside_states(self, structure: Structure, target: int, left: Array) -> Array:
         """Residuals of the law beside the force that the states of a map show."""

@@ -39,19 +39,15 @@ def held_out_errors(fit: JointFit, data: SearchData) -> Array:
     return _errors_by_mode(fit, data)[fit.modes, np.arange(len(data.rows))]
 
 
-def unseen(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> tuple[Array, Array]:
-    """Negative log likelihood and errors of rows that no part of a fit to others has seen.
-
-    The errors (n_rows, n_states) are those of the mean over the modes of a row.
-    """
+def unseen_cost(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> Array:
+    """Negative log likelihood of rows that no part of a fit to others has seen."""
     # `train` and `test` are numbers among the rows of the search.
     velocities = fit.mode_velocities(data.records)
     rows, targets = data.rows[train], data.targets[train]
     scale = STUDENT.scale(targets - velocities[fit.modes, rows], exact_below(targets))
     errors = data.targets[test] - velocities[:, data.rows[test]]
     probabilities = fit.mode_proba(data.records.take(data.rows[test]))
-    cost = _mixture_cost(errors, scale, _softened(probabilities, data.settings.surprise))
-    return cost, np.einsum("jnk,nj->nk", errors, probabilities)
+    return _mixture_cost(errors, scale, _softened(probabilities, data.settings.surprise))
 
 
 def _mixture_cost(errors: Array, scale: Array, probabilities: Array) -> Array:

@@ -25,7 +25,7 @@ from swsysid._effect_search.candidates import (
     candidate_context,
 )
 from swsysid._effect_search.folds import SearchData
-from swsysid._effect_search.held_out import held_out_cost, unseen
+from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.scan import is_unresolved, proposals, refined, scan
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
@@ -75,14 +75,6 @@ class Structure:
     def price(self) -> float:
         """Cost and half a log of the number of rows for each parameter (Schwarz)."""
         return self.cost + 0.5 * self.n_parameters * np.log(len(self.rows))
-
-
-@dataclass(frozen=True)
-class Unseen:
-    """Every row as predicted by fits of a structure to others."""
-
-    cost: Array  # negative log likelihoods, (n_rows,)
-    errors: Array  # of what is to be expected of all modes, (n_rows, n_states)
 
 
 @dataclass(frozen=True)
@@ -245,20 +237,19 @@ class SearchContext:
             return count  # a scan once more is of the same candidates
         return count * (1 + self.settings.n_questions) + self.settings.n_restarts
 
-    def unseen_rows(self, structure: Structure) -> Unseen:
-        """What fits of the structure to the other folds make of every row."""
+    def unseen_cost(self, structure: Structure) -> Array:
+        """Negative log likelihood of every row by fits of the structure to the other folds."""
         return self.answers.of(structure, ("unseen",), lambda: self._fitted_to_others(structure))
 
-    def _fitted_to_others(self, structure: Structure) -> Unseen:
-        data, modes = self.data, structure.fit.modes
-        cost, errors = np.empty(self.n_rows), np.empty(data.targets.shape)
+    def _fitted_to_others(self, structure: Structure) -> Array:
+        data, modes, cost = self.data, structure.fit.modes, np.empty(self.n_rows)
         for train, test in data.folds.parts:
             rows, targets = data.rows[train], data.targets[train]
             fit = fit_jointly(
                 self.model, structure.terms, data.records, rows, targets, modes[train], 1
             )
-            cost[test], errors[test] = unseen(fit, data, train, test)
-        return Unseen(cost, errors)
+            cost[test] = unseen_cost(fit, data, train, test)
+        return cost
 
     # -- candidates beside a structure -----------------------------------------------------------
 

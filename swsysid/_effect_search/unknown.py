@@ -20,7 +20,7 @@ from swsysid._effect_search.acceptance import (
     is_promising,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.evidence import structural_evidence
+from swsysid._effect_search.evidence import chance_of_gains
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
@@ -123,7 +123,7 @@ class Unknowns:
         chance = base.p_value(trial)
         p_value = n_candidates * chance
         if anew:
-            again = structural_evidence(context, structure, tried).chance
+            again = chance_of_gains(context, structure, tried)
             p_value = at_modes_found_with_it(n_candidates, chance, again)
         if p_value > context.significance:
             return None
