@@ -9,6 +9,7 @@ from swsysid import EffectSearchCV
 from swsysid._data.records import make_records
 from swsysid._effect_search.folds import (
     SearchData,
+    exciting_folds,
     make_folds,
     split_records,
 )
@@ -87,6 +88,19 @@ def test_rows_that_remember_a_fold_are_not_trained_on():
     # white residuals leave no gap: every row is either trained on or tested
     for train, test in make_folds(records, 5, rng).parts:
         assert len(train) + len(test) == 1000
+
+
+def test_a_record_of_one_event_is_folded_finely_enough_to_learn_of_it():
+    # an input that is on for fifty of a thousand rows: parts of two hundred would hold all of it
+    t = np.arange(1000.0)
+    pulse = np.where((t > 20) & (t < 70), 1.0, 0.0)
+    X = np.column_stack([np.sin(t), pulse])
+    records = make_records(X, 1, t=t, names=("x0", "u"))
+    rng = np.random.RandomState(0)
+    long = [pulse[train].std() for train, _ in make_folds(records, 5, rng, 50.0).parts]
+    fine = [pulse[train].std() for train, _ in exciting_folds(records, 5, rng, 50.0).parts]
+    assert min(long) == 0.0
+    assert min(fine) >= 0.2 * pulse.std()
 
 
 def test_the_rows_held_out_are_those_of_the_search():
