@@ -4,8 +4,6 @@ A slow force that nobody measured looks like a drift, an offset, a forcing, a la
 of whatever moves as slowly. Each effect found has therefore to show that it predicts stretches that
 its regression has not seen better than the past of the residual itself does: likelihoods are
 compared with a force that is forgotten slowly beneath the noise, with the effect and without it.
-And what is known from a few stretches alone, if the noise there is that of the rest, is not known
-where such a force comes and goes that may do as much.
 """
 
 from __future__ import annotations
