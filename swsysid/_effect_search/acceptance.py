@@ -15,7 +15,7 @@ import numpy as np
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import SlowForces, chance_of_gains
-from swsysid._effect_search.scan import is_filter_artefact, scan
+from swsysid._effect_search.scan import is_between_samples, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import is_smeared_mode
 from swsysid._residual_report.noise_floor import noise_floor
@@ -74,7 +74,7 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     if isinstance(term.effect, UnknownFunction):
         return _of_a_shape(term, base, top, count)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
-    if own is None or is_filter_artefact(base, own):
+    if own is None or is_between_samples(base, own):
         return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in base.level_with(own, top)]
     evidence = base.evidence(own)

@@ -27,7 +27,7 @@ from swsysid._effect_search.acceptance import (
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
-from swsysid._effect_search.scan import is_filter_artefact, proposals
+from swsysid._effect_search.scan import is_between_samples, proposals
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
@@ -275,7 +275,7 @@ class Search:
                     tried = self.context.exchanged(best, place, candidate)
                     best = least_of((best, tried), _price)
         trial = simplest(base, top) if top else None
-        if trial is None or is_filter_artefact(base, trial):
+        if trial is None or is_between_samples(base, trial):
             return best, False  # as nothing that is physical, it would be refused in the end
         tried = self.context.exchanged(best, place, trial.candidate)
         tried = self.context.with_modes_anew(tried)
