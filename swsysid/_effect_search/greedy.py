@@ -27,7 +27,7 @@ from swsysid._effect_search.acceptance import (
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
-from swsysid._effect_search.scan import is_between_samples, proposals
+from swsysid._effect_search.scan import proposals
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
@@ -241,12 +241,7 @@ class Search:
             term = best.terms[place]
             base = self.context.candidates(best.fit, without=(place,))
             top, _ = self.context.scanned(base)
-            if not term.effect.terms:
-                best, changed = self._or_columns(best, place, top, base)
-                if not changed:
-                    break
-                continue
-            if not top:
+            if not term.effect.terms or not top:
                 break
             candidate = simplest(base, top).candidate
             if candidate == term:
@@ -261,27 +256,6 @@ class Search:
             if same:
                 break
         return best
-
-    def _or_columns(
-        self, best: Structure, place: int, top: list[Trial], base: CandidateContext
-    ) -> tuple[Structure, bool]:
-        """A term without columns with its parameters found anew, or columns in its place."""
-        effect = best.terms[place].effect
-        if isinstance(effect, (GuardEffect, ResetEffect)):
-            return best, False  # the cycle of a guard that remembers looks like a forcing
-        if isinstance(effect, MeasurementEffect):
-            for candidate in proposals(effect, base):
-                if candidate.signature == best.terms[place].signature:
-                    tried = self.context.exchanged(best, place, candidate)
-                    best = least_of((best, tried), _price)
-        trial = simplest(base, top) if top else None
-        if trial is None or is_between_samples(base, trial):
-            return best, False  # as nothing that is physical, it would be refused in the end
-        tried = self.context.exchanged(best, place, trial.candidate)
-        tried = self.context.with_modes_anew(tried)
-        if tried.price < best.price - self.context.settings.tie:
-            return tried, True
-        return best, False
 
 
 def _unknown(unknowns: Unknowns | None, structure: Structure) -> Round | None:
