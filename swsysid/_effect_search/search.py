@@ -321,14 +321,11 @@ class EffectSearchCV(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
         while True:
             final, ladder = self._reported(measured, found, plain)
-            rollouts, empty = self.report_.data.rollouts, ladder.without_rows(final)
-            if empty is not None:
-                found = found.without(*ladder.added(empty))
-            elif ladder.n_simulated and ladder.is_refused(rollouts, measured.recorded is None):
-                least = ladder.added(ladder.n_simulated - 1)
-                found = found.without(*least, errors_of_all(rollouts))
-            else:
+            rollouts, is_given = self.report_.data.rollouts, measured.recorded is None
+            if not ladder.n_simulated or not ladder.is_refused(rollouts, is_given):
                 return final
+            least = ladder.added(ladder.n_simulated - 1)
+            found = found.without(*least, errors_of_all(rollouts))
 
     def _reported(
         self, measured: Measured, found: Outcome, plain: JointFit
