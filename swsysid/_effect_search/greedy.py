@@ -32,7 +32,7 @@ from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
-from swsysid.effects import GuardEffect, MeasurementEffect, ResetEffect, StructureEffect
+from swsysid.effects import GuardEffect, ResetEffect, StructureEffect
 
 _price = attrgetter("price")
 
