@@ -29,6 +29,7 @@ from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.scan import is_unresolved, proposals, refined, scan
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
+from swsysid._effect_search.switches import gain_of_guard
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._ties import largest_first, least_of
@@ -141,7 +142,7 @@ class SearchContext:
 
     def priced(self, fit: JointFit) -> Structure:
         """What a fit is worth on rows that its regressions have not seen."""
-        rows = held_out_cost(fit, self.data)
+        rows = held_out_cost(fit, self.data) - gain_of_guard(fit, self.data)
         of_a_mode = fit.laws.coef[0].size + self.data.records.X.shape[1] + 1
         n_parameters = sum(term.n_parameters for term in fit.terms)
         n_parameters += (fit.n_modes - self._n_declared_modes) * of_a_mode
