@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._effect_model.equations import guards_with_effects, laws_with_effects
-from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_search.coloured_noise import Stretches, in_trajectories, rows_in_order
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT
