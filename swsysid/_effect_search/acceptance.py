@@ -3,13 +3,6 @@ r"""What may enter and stay: significance, worth, and which of several explanati
 Every record has an endless rest that is significant and small, and a structure that bends to
 anything explains whatever the first effect with a name leaves over. An addition must be more than
 chance over all candidates would give *and* worth its terms.
-
-How much of what a model leaves over could be explained by any function of the channels is known
-before one is fitted (`explainable_share`). Where residuals are :math:`r = f(x) + e` with noise e,
-those of a row and of its neighbours share f and nothing else: the mean of their products is about
-the mean square of f, whatever f is. That is how noise is told from structure before a model (the
-delta test: Pi, Peterson 1994, *Finding the embedding dimension and variable dependencies in time
-series*). Rows that follow each other and share noise raise the answer, so that it is a bound.
 """
 
 from __future__ import annotations
@@ -19,13 +12,13 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.evidence import Evidence, SlowForces, structural_evidence
-from swsysid._effect_search.scan import is_filter_artefact, scan
+from swsysid._effect_search.evidence import SlowForces, chance_of_gains
+from swsysid._effect_search.scan import is_between_samples, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import is_smeared_mode
+from swsysid._residual_report.noise_floor import noise_floor
 from swsysid._results import Array
 from swsysid._ties import first_largest, least_of
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
@@ -33,7 +26,6 @@ from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunct
 FEW_STRETCHES = (
     "it lies in a few stretches of the record, and rests on the noise there being that of the rest"
 )
-_N_NEIGHBOURS = 4  # their mean has half of the noise, and they are hardly farther than the first
 
 
 @dataclass(frozen=True)
@@ -65,15 +57,6 @@ class Finding:
 
 def finding(context: SearchContext, structure: Structure, place: int, *fewer: Structure) -> Finding:
     """p-value and rivals of one term in the light of all others."""
-    judged = _beside_the_others(context, *_without_what_contains(context, structure, place), fewer)
-    # without the shapes that contain it the modes of a fit may be numbered anew
-    return replace(judged, candidate=structure.terms[place])
-
-
-def _beside_the_others(
-    context: SearchContext, structure: Structure, place: int, fewer: Iterable[Structure]
-) -> Finding:
-    """p-value and rivals of one term of a structure without the shapes that contain it."""
     # This p-value is the only one by which an effect enters, stays and is reported, and it is
     # multiplied by the number of all candidates that could have won. One of a term without columns
     # is of its gain on the structure without it, and on each of `fewer`.
@@ -86,13 +69,12 @@ def _beside_the_others(
     top, n_trials = context.scanned(base, term.signature)
     count = context.n_hypotheses(base, n_trials)
     if not term.effect.terms:
-        gained = _of_a_structure(context, structure, place, base, fewer)
-        few = count * gained.chance_by_blocks > context.significance
-        return Finding.of(term, count * gained.chance, known, (FEW_STRETCHES,) if few else ())
+        chance = _chance_of_a_structure(context, structure, place, base, fewer)
+        return Finding.of(term, count * chance, known)
     if isinstance(term.effect, UnknownFunction):
         return _of_a_shape(term, base, top, count)
     own = next((trial for trial in top if trial.candidate.signature == term.signature), None)
-    if own is None or is_filter_artefact(base, own):
+    if own is None or is_between_samples(base, own):
         return Finding.of(term, 1.0, known)
     level = [top[number].candidate for number in base.level_with(own, top)]
     evidence = base.evidence(own)
@@ -100,13 +82,12 @@ def _beside_the_others(
     if count * chance > context.significance:
         # beneath a slow force a regression is sure of little: of two tests the clearer one counts
         without = context.without(structure, place)
-        beneath = SlowForces(context).evidence(without, structure, term.target)
-        chance = 2.0 * min(chance, beneath.chance)
-        by_blocks = 2.0 * min(by_blocks, beneath.chance_by_blocks)
+        beneath = SlowForces(context).chance(without, structure, term.target)
+        chance, by_blocks = 2.0 * min(chance, beneath[0]), 2.0 * min(by_blocks, beneath[1])
     doubts = (FEW_STRETCHES,) if count * by_blocks > context.significance else ()
     if structure.fit.n_modes == 1 or chance > context.significance:
         return Finding.of(term, count * chance, [*level, *known], doubts)
-    again = structural_evidence(context, context.without(structure, place), structure).chance
+    again = chance_of_gains(context, context.without(structure, place), structure)
     chance = at_modes_found_with_it(count, chance, again)
     return Finding.of(term, chance, [*level, *known], doubts)
 
@@ -118,37 +99,6 @@ def at_modes_found_with_it(n_candidates: int, chance: float, again: float) -> fl
     two tests of the same effect the clearer one counts, corrected for both, and neither may fail.
     """
     return max(2.0 * n_candidates * min(chance, again), chance, again)
-
-
-def _without_what_contains(
-    context: SearchContext, structure: Structure, place: int
-) -> tuple[Structure, int]:
-    """A structure without the shapes of which a term is a special case, and the term's place.
-
-    A term with a name says nothing beside them that they could not say; so they are the ones that
-    have to say more.
-    """
-    term = structure.terms[place]
-    for number in reversed(range(len(structure.terms))):
-        if contains(structure.terms[number], term):
-            structure = context.without(structure, number)
-            place -= number < place
-    return structure, place
-
-
-def contains(shape: PlacedEffect, term: PlacedEffect) -> bool:
-    """Whether a term says nothing that a shape in the same equation and modes cannot say."""
-    return shape.mode in (None, term.mode) and shares_channels(shape, term)
-
-
-def shares_channels(shape: PlacedEffect, term: PlacedEffect) -> bool:
-    """Whether a term depends on nothing but the channels of a shape in the same equation."""
-    return (
-        isinstance(shape.effect, UnknownFunction)
-        and term != shape
-        and term.target == shape.target
-        and channels_of(term) <= set(shape.effect.channels)
-    )
 
 
 def channels_of(term: PlacedEffect) -> set[object]:
@@ -177,27 +127,25 @@ def _of_a_shape(
     return Finding.of(term, count * base.p_value(own), rivals)
 
 
-def _of_a_structure(
+def _chance_of_a_structure(
     context: SearchContext,
     structure: Structure,
     place: int,
     base: CandidateContext,
     fewer: Iterable[Structure],
-) -> Evidence:
+) -> float:
     """Of what a term without columns gains."""
     term = structure.terms[place]
     effect, target = term.effect, term.target
     if isinstance(effect, ResetEffect):
-        chance = effect.gain(*base.jumping, target)[1]
-        return Evidence(chance, chance)
+        return effect.gain(*base.jumping, target)[1]
     others = [context.without(structure, place), *fewer]
     if is_smeared_mode(context.data, others[0].fit, structure.fit):
-        return Evidence(1.0, 1.0)
+        return 1.0
     if isinstance(effect, GuardEffect):
         # one that remembers nothing may tell the modes better than the surface all the same
         others += context.without_memory(structure, place)
-    evidence = [structural_evidence(context, other, structure) for other in others]
-    return max(evidence, key=attrgetter("chance"))
+    return max(chance_of_gains(context, other, structure) for other in others)
 
 
 def confirmed(
@@ -296,10 +244,12 @@ def leaves_a_mode(context: SearchContext, current: Structure, named: Structure |
 def _explainable(context: SearchContext, structure: Structure) -> tuple[Array, Array]:
     """Squares that a structure leaves in each state, and what share functions may explain."""
     errors = context.cut_errors(structure.fit)
-    points = context.data.records.X[context.data.rows]
-    share = explainable_share(points, errors, context.settings.shown)
-    share[sorted(context.data.exact_states)] = 0.0
-    return np.mean(errors**2, axis=0), share
+    points, squares = context.data.records.X[context.data.rows], np.mean(errors**2, axis=0)
+    share = np.zeros(len(squares))
+    for state in context.data.counted_states:
+        noise = noise_floor(errors[:, state], points).in_space
+        share[state] = 1.0 - np.nan_to_num(noise) ** 2 / squares[state]
+    return squares, np.clip(share, 0.0, 1.0)
 
 
 def preferred(context: SearchContext, options: list[Structure]) -> Structure:
@@ -308,33 +258,3 @@ def preferred(context: SearchContext, options: list[Structure]) -> Structure:
     rank = {effect.kind: place for place, effect in enumerate(context.effects)}
     ties = [option for option in options if option.price <= most]
     return least_of(ties, lambda option: rank[option.last.kind], attrgetter("price"))
-
-
-def explainable_share(points: Array, errors: Array, sure: float) -> Array:
-    """The largest share of the squares of each column that a function of points may explain.
-
-    `points` are (n_rows, n_channels) and `errors` (n_rows, n_columns); so many standard errors are
-    added to what neighbours share.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x = np.linspace(0, 1, 2000)[:, None]
-    >>> noise = np.random.default_rng(0).standard_normal((2000, 2))
-    >>> shares = explainable_share(x, noise + [3.0, 0.0] * np.sin(9 * x), sure=2.0)
-    >>> bool(0.8 < shares[0] < 0.9), bool(shares[1] < 0.1)  # 4.5 of 5.5, and nothing
-    (True, True)
-    """
-    if len(points) <= _N_NEIGHBOURS:
-        return np.ones(errors.shape[1])
-    spread = points.std(axis=0)
-    scaled = points / np.where(spread > 0.0, spread, 1.0)
-    near = cKDTree(scaled).query(scaled, _N_NEIGHBOURS + 1)[1]
-    other = near != np.arange(len(points))[:, None]
-    other[other.all(axis=1), -1] = False  # one of many rows at the same place
-    near = near[other].reshape(len(points), _N_NEIGHBOURS)
-    shared = errors * errors[near].mean(axis=1)
-    shared /= np.maximum(np.mean(errors**2, axis=0), np.finfo(float).tiny)
-    # two rows are neighbours of each other: their products are counted twice
-    error = np.sqrt(2.0 / len(points)) * shared.std(axis=0)
-    return np.asarray(np.clip(shared.mean(axis=0) + sure * error, 0.0, 1.0))

@@ -19,7 +19,7 @@ from swsysid._effect_search.chance import Slope
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Background, Regression, SharedSums
 from swsysid._effect_search.switches import at_smeared_switches
-from swsysid._noise import STUDENT, memory, robust_weights
+from swsysid._noise import STUDENT, robust_weights
 from swsysid._results import Array
 from swsysid._ties import ROUNDING
 from swsysid.effects import Effect, PlacedEffect
@@ -252,26 +252,12 @@ class CandidateContext:
         gains = self.gains([best, *trials])
         behind = gains[0] - gains[1:]
         error = behind.std(axis=1) * np.sqrt(behind.shape[1])
-        lost, sizes = behind.sum(axis=1), np.abs(behind)
-        # What differs in one block only has no scatter there: then the noise of all rows tells.
-        for place in np.flatnonzero(sizes.max(axis=1) > 0.5 * sizes.sum(axis=1)):
-            error[place] = min(error[place], self._error_between(best, trials[place]))
+        lost = behind.sum(axis=1)
         # What explains less than half of it is not as good, however much its gain scatters. What
         # is the same function of these rows lags behind by rounding, and so does the scatter.
         gained = max(float(gains[0].sum()), 0.0)
         most = np.maximum(np.minimum(error, 0.5 * gained), ROUNDING * gained)
         return {place: float(lost[place]) for place in np.flatnonzero(lost <= most).tolist()}
-
-    def _error_between(self, best: Trial, other: Trial) -> float:
-        """Standard error of the gain of one trial over another if the noise is alike everywhere."""
-        target, weight = best.candidate.target, self.regression.weight
-        if other.candidate.target != target:
-            return np.inf
-        left = self.held_out[:, target] - best.change
-        variance = max(np.average(left**2, weights=weight), self.data.exact[target] ** 2)
-        longer = memory(weight * left, self.regression.folds.series)
-        distance = float(np.sum((weight * (best.change - other.change)) ** 2))
-        return float(np.sqrt(longer * distance / variance))
 
     def evidence(self, trial: Trial) -> Slope:
         """What speaks for a trial: the slope of held-out residuals on the change it predicts."""
@@ -340,14 +326,4 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     sure &= fit.surface_modes(searched) == fit.modes
     if np.mean(~sure) <= data.settings.most_unsure:
         weight = np.where(sure, weight, 0.0)
-    weight = np.where(data.may_stick(fit.terms, data.records, data.rows), 0.0, weight)
-    return np.where(_is_decoded(fit, data), weight, 0.0)
-
-
-def _is_decoded(fit: JointFit, data: SearchData) -> NDArray[np.bool_]:
-    """Rows of modes that have enough of them to predict some from the others."""
-    # A law of a handful of rows is anything where none of them is.
-    n_rows = np.bincount(fit.modes, minlength=fit.n_modes)
-    n_terms = fit.laws.support.sum(axis=2).max(axis=1)
-    enough = n_rows >= data.settings.rows_a_column * n_terms
-    return np.asarray((enough | ~enough.any())[fit.modes])
+    return np.where(data.may_stick(fit.terms, data.records, data.rows), 0.0, weight)

@@ -28,11 +28,15 @@ from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.candidates import row_weights
 from swsysid._effect_search.folds import SearchData
-from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import STUDENT, memory, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import Parameter, PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected
+
+_JUMP = 0.02  # neighbours of a function differ by less than this share of its range
+_SMALLEST_FACTOR = 0.5  # of its usual size: a function is told where it is larger
+_STRETCH = 300  # samples of one trajectory that are shown where time is the axis
 
 
 def parameter_intervals(
@@ -239,7 +243,7 @@ def effect_shape(
     if isinstance(term.effect, UnknownFunction) and term.effect.reference is not None:
         # what the data want of a function that is multiplied by little is noise
         factor = term.effect.factor(corrected(fit.terms, records))
-        shown = shown[np.abs(factor[shown]) >= REPORT.smallest_factor]
+        shown = shown[np.abs(factor[shown]) >= _SMALLEST_FACTOR]
         factor = np.where(factor == 0.0, np.inf, factor)
         contribution, wanted = contribution / factor, wanted / factor
         half_width = half_width / np.abs(factor)
@@ -278,11 +282,11 @@ def _axis(term: PlacedEffect, records: Records) -> tuple[str, Array, NDArray[np.
         return term.label(records.names), values, everything
     if records.t is None:
         return _ROW, everything.astype(float), everything
-    longest = max(records.trajectories, key=len)[: REPORT.stretch]
+    longest = max(records.trajectories, key=len)[:_STRETCH]
     return (_TIME if records.timed else _ROW), records.t, longest
 
 
 def _is_function(contribution: Array) -> bool:
     """True if neighbours along the axis are close."""
     span = np.ptp(contribution) if len(contribution) > 2 else 0.0
-    return bool(span == 0.0 or np.median(np.abs(np.diff(contribution))) <= REPORT.jump * span)
+    return bool(span == 0.0 or np.median(np.abs(np.diff(contribution))) <= _JUMP * span)

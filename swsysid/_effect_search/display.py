@@ -25,8 +25,12 @@ from swsysid._displays.style import (
 )
 from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.contributions import Shape
-from swsysid._effect_search.settings import REPORT
 from swsysid._results import Array
+
+_MOST_DOTS = 3000
+_MOST_BARS = 24  # whose names can be read
+_LONGEST_LABEL = 34  # letters on one line
+_DECADES = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +63,7 @@ class Panels:
     def _before_and_after(self, ax: Axes, state: int, x: Array, label: str) -> None:
         before, after = (one[:, state] for one in self.data.residuals)
         shown = np.flatnonzero(np.isfinite(x))
-        shown = shown[thinned(len(shown), REPORT.most_dots)]
+        shown = shown[thinned(len(shown), _MOST_DOTS)]
         for values, (name, colour) in zip((before, after), _MODELS, strict=True):
             ax.scatter(
                 x[shown], values[shown], color=colour, alpha=0.7, label=name, s=7, linewidths=0
@@ -72,14 +76,14 @@ class Panels:
     def trajectory_errors(self, ax: Axes, state: int) -> None:
         """Root mean square error of each held-out trajectory, the largest first."""
         listed = sorted(self.data.by_trajectory, key=lambda one: -one.before[state])
-        left_out = len(listed) > REPORT.most_bars
-        listed = listed[: REPORT.most_bars]
+        left_out = len(listed) > _MOST_BARS
+        listed = listed[:_MOST_BARS]
         places = np.arange(len(listed))
         sizes = np.array([[one.before[state], one.after[state]] for one in listed]).T
         for values, shift, (name, colour) in zip(sizes, (-0.2, 0.2), _MODELS, strict=True):
             ax.bar(places + shift, values, 0.4, color=colour, label=name)
         positive = sizes[sizes > 0]
-        if len(positive) and sizes.max() > REPORT.decades * positive.min():
+        if len(positive) and sizes.max() > _DECADES * positive.min():
             ax.set_yscale("log")
         names = [one.trajectory for one in listed]
         many = len(names) > 6 or max(map(len, names)) > 8
@@ -87,7 +91,7 @@ class Panels:
         if many:
             ax.tick_params(axis="x", labelsize=10)
         ax.set(
-            xlabel="trajectory" + (f" (the worst {REPORT.most_bars})" if left_out else ""),
+            xlabel="trajectory" + (f" (the worst {_MOST_BARS})" if left_out else ""),
             ylabel=_wrapped(f"RMS error of {self._rate(state)}"),
         )
         room = max(0.7, 0.5 * (5 - len(listed)))
@@ -97,7 +101,7 @@ class Panels:
     def shape(self, ax: Axes, place: int) -> None:
         """Contribution of an effect along its channel, its band, and what the data ask for."""
         shape = self.data.shapes[place]
-        shown = thinned(len(shape.values), REPORT.most_dots)
+        shown = thinned(len(shape.values), _MOST_DOTS)
         values, wanted = shape.values[shown], shape.wanted[shown]
         many, label = len(values) > 1000, "wanted by the data"
         ax.scatter(
@@ -197,7 +201,7 @@ def _held_where(shape: Shape) -> str:
 
 def _wrapped(label: str) -> str:
     """A long axis label on two lines."""
-    return label.replace(" of ", " of\n", 1) if len(label) > REPORT.longest_label else label
+    return label.replace(" of ", " of\n", 1) if len(label) > _LONGEST_LABEL else label
 
 
 @dataclass(kw_only=True, eq=False, repr=False)

@@ -4,8 +4,6 @@ A slow force that nobody measured looks like a drift, an offset, a forcing, a la
 of whatever moves as slowly. Each effect found has therefore to show that it predicts stretches that
 its regression has not seen better than the past of the residual itself does: likelihoods are
 compared with a force that is forgotten slowly beneath the noise, with the effect and without it.
-And what is known from a few stretches alone, if the noise there is that of the rest, is not known
-where such a force comes and goes that may do as much.
 """
 
 from __future__ import annotations
@@ -14,16 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swsysid._effect_search.acceptance import FEW_STRETCHES, Finding, confirmed
+from swsysid._effect_search.acceptance import Finding, confirmed
 from swsysid._effect_search.evidence import SlowForces
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._results import Array
 from swsysid.effects import (
     GuardEffect,
     MeasurementEffect,
     PlacedEffect,
     ResetEffect,
-    StructureEffect,
     UnmeasuredDisturbance,
 )
 
@@ -42,10 +38,6 @@ def with_disturbances(
     if kept is not structure:
         structure, findings = confirmed(context, kept)
     added = _found(forces, structure, usable[0])
-    unsure = _unsure(context, structure, findings, added)
-    if unsure:
-        fewer, left = confirmed(context, _without(context, structure, unsure))
-        return with_disturbances(context, fewer, left, n_candidates)
     if added:
         terms = tuple(one.candidate for one in added)
         fit, coef = structure.fit, tuple(np.zeros(0) for _ in added)
@@ -68,33 +60,6 @@ def _found(
             theta = (model.size, model.time_constant)
             added.append(Finding.of(PlacedEffect(effect, "time", target, theta=theta), p_value, ()))
     return added
-
-
-def _unsure(
-    context: SearchContext, structure: Structure, findings: Findings, forces: list[Finding]
-) -> tuple[int, ...]:
-    """Effects of which a few stretches tell, and no more than a force may do that is there too."""
-    places = [place for place, one in enumerate(findings) if FEW_STRETCHES in one.doubts]
-    sizes = {one.candidate.target: one.candidate.theta[0] for one in forces}
-    if not sizes:
-        return ()
-    unsure = []
-    for place in places:
-        term = findings[place].candidate
-        fewer = _squares(context, context.without(structure, place))
-        explained = fewer - _squares(context, structure)
-        # one more mode is in every equation
-        own = sizes if isinstance(term.effect, StructureEffect) else sizes.keys() & {term.target}
-        if any(explained[target] < sizes[target] ** 2 for target in own):
-            unsure.append(place)
-    return tuple(unsure)
-
-
-def _squares(context: SearchContext, structure: Structure) -> Array:
-    """Mean squares of what a structure leaves over of the rows of a search, (n_states,)."""
-    data = context.data
-    left = structure.fit.residuals(data.records, data.rows, data.targets)
-    return np.asarray(np.mean(left**2, axis=0))
 
 
 def _without(context: SearchContext, structure: Structure, group: tuple[int, ...]) -> Structure:

@@ -1,12 +1,10 @@
 r"""Whether one structure predicts better than another one by chance.
 
-Three tests, each valid if the simpler structure is true, and the clearer of them counts, corrected
-for all. With likelihoods p of a row before and q after, :math:`z = (q - p) / (q + p)` has no
+Two tests, each valid if the simpler structure is true, and the clearer of them counts, corrected
+for both. With likelihoods p of a row before and q after, :math:`z = (q - p) / (q + p)` has no
 positive mean where p is true, whatever q is, for it is concave in q / p; unlike the logarithm, of
 which a few rows hold most, it is bounded. So (i) the sums of z in independent blocks, and (ii) bets
-on it, are tested. And (iii) the errors of the simpler structure are regressed on what the other one
-predicts besides: noise of any size has no share in that, and where it is the same everywhere a few
-stretches of the record are enough.
+on it, are tested.
 
 Where residuals remember each other for long a regression is hardly sure of anything, although the
 sample before says most of what they are. Likelihoods are compared with a force that is forgotten
@@ -34,7 +32,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import minimize_scalar
 
-from swsysid._effect_search.chance import BlockSum, Slope, chance_of_bets
+from swsysid._effect_search.chance import BlockSum, chance_of_bets
 from swsysid._effect_search.coloured_noise import (
     Coloured,
     Stretches,
@@ -52,34 +50,13 @@ from swsysid._results import Array
 from swsysid.effects._memory import Remembering
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Probabilities of a gain by chance."""
-
-    chance: float
-    chance_by_blocks: float  # whatever the noise of each block is
-
-
-def structural_evidence(context: SearchContext, before: Structure, after: Structure) -> Evidence:
-    """Of predictions that are so much better."""
-    by_blocks = _chance_of_gains(context, before, after)
-    if not _is_judged_unseen(after):
-        return Evidence(by_blocks, by_blocks)
-    besides = _errors_against_change(context, before, after)
-    return Evidence(min(1.0, 2.0 * min(by_blocks, besides.chance)), by_blocks)
-
-
-def _is_judged_unseen(structure: Structure) -> bool:
+def chance_of_gains(context: SearchContext, before: Structure, after: Structure) -> float:
+    """Of predictions that are so much better: of sums of gains in blocks, and of bets on them."""
+    gains = before.rows - after.rows
     # Modes, a surface and weights that were fitted to all rows bend to those that are to be
     # predicted; where there are several modes fits that have not seen the rows are judge.
-    return structure.fit.n_modes > 1 and structure.fit.guard is None
-
-
-def _chance_of_gains(context: SearchContext, before: Structure, after: Structure) -> float:
-    """Of gains of the rows: of their sums in blocks, and of bets on them."""
-    gains = before.rows - after.rows
-    if _is_judged_unseen(after):
-        gains = context.unseen_rows(before).cost - context.unseen_rows(after).cost
+    if after.fit.n_modes > 1 and after.fit.guard is None:
+        gains = context.unseen_cost(before) - context.unseen_cost(after)
     values, data = np.tanh(0.5 * gains), context.data
     # What it remembers by chance is what the residuals do.
     left = after.fit.residuals(data.records, data.rows, data.targets)
@@ -94,20 +71,6 @@ def _chance_of_gains(context: SearchContext, before: Structure, after: Structure
     # surface is wrong now and then; and chance makes a likelihood ratio r with 1 / r at most.
     ratio = float(np.exp(min(0.0, (after.price - before.price) / remembered)))
     return min(1.0, 2.0 * min(chance, ratio))
-
-
-def _errors_against_change(context: SearchContext, before: Structure, after: Structure) -> Slope:
-    """The errors of one structure against what another one predicts besides."""
-    data, folds = context.data, context.data.folds
-    first, other = (context.unseen_rows(one).errors for one in (before, after))
-    scale = np.maximum(robust_scale(other), data.exact)
-    change = ((first - other) / scale)[:, data.counted_states]
-    gross = context.settings.gross
-    errors = np.clip(first / scale, -gross, gross)[:, data.counted_states]
-    # along the direction in which the two differ in each row
-    size = np.linalg.norm(change, axis=1)
-    along = np.sum(errors * change, axis=1) / np.where(size > 0.0, size, 1.0)
-    return Slope(size, along, np.ones(len(size)), folds.series, folds.blocks)
 
 
 @dataclass(frozen=True)
@@ -179,8 +142,6 @@ class SlowForces:
         model = coloured(left, self.where)
         p_value = self._p_value(model, left, target)
         surely = p_value <= self.context.significance and self._is_slow(model, left)
-        if surely and _may_run_away(structure):
-            surely = self._is_beneath_all_rows(structure, target, left != 0.0)
         return (model, p_value) if surely else None
 
     def is_there(self, structure: Structure, target: int) -> bool:
@@ -225,13 +186,16 @@ class SlowForces:
         alone, with_law = 0.5 * len(usual) * np.log(ratios)
         return float(with_law) if with_law < self.context.settings.observed * alone else None
 
-    def evidence(self, fewer: Structure, structure: Structure, target: int) -> Evidence:
-        """Of what effects gain beside a force that they leave behind; none if there is none."""
+    def chance(self, fewer: Structure, structure: Structure, target: int) -> tuple[float, float]:
+        """Of what effects gain beside a force that they leave behind, and that by its blocks.
+
+        Both are one where there is none.
+        """
         if not self.context.data.records.timed or not self.is_there(structure, target):
-            return Evidence(1.0, 1.0)
+            return 1.0, 1.0
         gain, more = self.gain(fewer, structure, target)
         by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
-        return Evidence(float(by_chance), replace(gain, value=gain.value - more).chance)
+        return float(by_chance), replace(gain, value=gain.value - more).chance
 
     def _beside_states(self, structure: Structure, target: int, left: Array) -> Array:
         """Residuals of the law beside the force that the states of a map show."""
@@ -242,18 +206,6 @@ class SlowForces:
         order, step = self._ordered[0], StepBefore.of(self.context.data, target)
         coef, *_ = step.law(features, y, order[left != 0.0])
         return np.where(left != 0.0, (y - features @ coef)[order], 0.0)
-
-    def _is_beneath_all_rows(
-        self, structure: Structure, target: int, usual: NDArray[np.bool_]
-    ) -> bool:
-        """Whether the law that has seen all of the usual rows leaves a force as well."""
-        # Beyond what a part of the rows has shown of a function, it is wrong for as long as the
-        # state stays there.
-        where, rows = self.where.taken(usual), self._ordered[0][usual]
-        features, y = self._law(structure, target)
-        model, left = beneath_a_law(features[rows], y[rows], where)
-        lead = _lead(model, white(left), left, where)
-        return lead >= self.context.settings.gain_a_row * len(left)
 
     def _law(
         self, structure: Structure, target: int, modes: NDArray[np.intp] | None = None

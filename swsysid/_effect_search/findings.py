@@ -80,16 +80,6 @@ class Ladder:
         """The place in the structure of that of them without which least is lost."""
         return self._order[self.n_simulated - 1]
 
-    def without_rows(self, final: JointFit) -> int | None:
-        """The rank of one more mode that the fit to all rows has left without any; None if none."""
-        effects = [term.effect for term in self.terms]
-        adds = [isinstance(one, StructureEffect) and one.n_more_modes > 0 for one in effects]
-        if not any(adds):
-            return None
-        mode = FurtherMode(self.fits[0], final, self.records, self.split.search)
-        is_there = final.n_modes > self.fits[0].n_modes and mode.share
-        return None if is_there else adds.index(True)
-
     def added(self, rank: int) -> tuple[int, Array, Array]:
         """Place of an effect in the structure, and errors on the untouched rows, (n_states,).
 

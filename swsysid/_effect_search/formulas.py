@@ -19,7 +19,7 @@ from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.coloured_noise import Stretches, coloured
 from swsysid._effect_search.scan import refined, scan
-from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._results import Array
 from swsysid.effects import (
     Effect,
@@ -31,6 +31,8 @@ from swsysid.effects import (
 )
 from swsysid.effects._base import Place, figure, quantile_levels, spread
 from swsysid.effects._placed import corrected
+
+_POINTS = 101  # of the curve of a function without a name
 
 _QUANTILE = float(stats.norm.ppf(0.5 + 0.5 * SETTINGS.level))
 
@@ -166,7 +168,7 @@ def _curve(
     seen = corrected(fit.terms, records)
     arguments = effect.points(seen)
     if effect.n_arguments == 1:
-        along = np.linspace(arguments.min(), arguments.max(), REPORT.points)[:, None]
+        along = np.linspace(arguments.min(), arguments.max(), _POINTS)[:, None]
     else:
         along = np.array(effect.knots)
     basis = effect.basis(along)

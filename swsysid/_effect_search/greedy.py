@@ -25,21 +25,14 @@ from swsysid._effect_search.acceptance import (
     simplest,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
-from swsysid._effect_search.scan import is_filter_artefact, proposals
+from swsysid._effect_search.scan import proposals
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
-from swsysid.effects import (
-    GuardEffect,
-    MeasurementEffect,
-    PlacedEffect,
-    ResetEffect,
-    StructureEffect,
-)
+from swsysid.effects import GuardEffect, ResetEffect, StructureEffect
 
 _price = attrgetter("price")
 
@@ -142,21 +135,10 @@ class Search:
             n_candidates += len(modes)
             options = [*modes, *options]
         options = [option for option in options if option.cost < current.cost]
-        options = self._without_delayed(current, options, n_candidates)
         options = self._compared_with_named(current, options, n_candidates)
-        while options:
-            best = preferred(self.context, options)
-            found = self._accepted(current, best, n_candidates)
-            if found is not None:
-                return found
-            # what looked best does not bear being questioned: perhaps another kind does
-            options = [
-                option
-                for option in options
-                if option.last.kind != best.last.kind
-                and is_promising(self.context, current, option, n_candidates)
-            ]
-        return None
+        if not options:
+            return None
+        return self._accepted(current, preferred(self.context, options), n_candidates)
 
     def _proposed(self, current: Structure, base: CandidateContext) -> list[Structure]:
         """Structures with effects that are more than columns."""
@@ -220,46 +202,19 @@ class Search:
             if not option.adds_a_mode and is_promising(self.context, current, option, n_candidates)
         ]
 
-    def _without_delayed(
-        self, current: Structure, options: list[Structure], n_candidates: int
-    ) -> list[Structure]:
-        """Options without guards that remember where the states jump at the switches.
-
-        Measured states that jump tell their switch late, as if the guard remembered; a guard that
-        does makes no state jump.
-        """
-        jumps = self.context.data.decoded_modes is not None and any(
-            isinstance(option.last, ResetEffect)
-            and is_promising(self.context, current, option, n_candidates)
-            for option in options
-        )
-        return [one for one in options if not (jumps and isinstance(one.last, GuardEffect))]
-
     def _compared_with_named(
         self, current: Structure, options: list[Structure], n_candidates: int
     ) -> list[Structure]:
-        """Options among which one more mode has had to compete with the best effect with a name."""
-        # The weights of the first scan are those of a model without the effect, and its parameters
-        # are poor where what is missing is large; in a second scan they are found again. One more
-        # mode stays where it is far better than every effect that has a name.
+        """Options without one more mode that is not far better than every effect with a name."""
         context, with_name = self.context, self._promising(current, options, n_candidates)
-        if with_name and least_of(options, _price).adds_a_mode:
-            again = self._agreed(least_of(with_name, _price), len(current.terms))
-            options, with_name = [*options, again], [*with_name, again]
         limit = min(map(_price, with_name), default=np.inf)
         limit -= context.settings.mode_gain_a_row * context.n_rows
         return [option for option in options if not option.adds_a_mode or option.price < limit]
 
     def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
         """An addition whose effect and modes agree and that is significant, or None."""
-        # The regression of one mode has been refined already, and questions change it little.
-        place, settings = len(current.terms), self.context.settings
-        least = settings.worth_a_question * settings.gain_a_row * self.context.n_rows
-        if best.fit.n_modes == 1 and best.last.terms and current.cost - best.cost < least:
-            return None
+        place = len(current.terms)
         best = self._agreed(self.context.with_modes_anew(best), place)
-        best = self._or_of_its_channel(best, place)
-        best = self._or_corrected(best, place)
         if not is_promising(self.context, current, best, n_candidates):
             return None
         found = finding(self.context, best, place, current)
@@ -269,7 +224,7 @@ class Search:
     # -- terms in question -----------------------------------------------------------------------
 
     def _questioned(self, structure: Structure) -> Structure:
-        """Every term in the light of the others, without those that are no longer needed."""
+        """Every term in the light of the others."""
         if len(structure.terms) == 1:
             return structure
         for _ in range(self.context.settings.n_questions):
@@ -278,19 +233,6 @@ class Search:
                 structure = self._agreed(structure, place)
             if before == [term.signature for term in structure.terms]:
                 break
-        return self._pruned(structure)
-
-    def _pruned(self, structure: Structure) -> Structure:
-        """Without the terms whose loss costs less than chance would give."""
-        needed = np.log(1.0 / self.context.significance)
-        place = 0
-        while place < len(structure.terms) and len(structure.terms) > 1:
-            fewer = self.context.without(structure, place)
-            is_reset = isinstance(structure.terms[place].effect, ResetEffect)
-            if not is_reset and fewer.price < structure.price + needed:
-                structure = fewer
-            else:
-                place += 1
         return structure
 
     def _agreed(self, best: Structure, place: int) -> Structure:
@@ -299,12 +241,7 @@ class Search:
             term = best.terms[place]
             base = self.context.candidates(best.fit, without=(place,))
             top, _ = self.context.scanned(base)
-            if not term.effect.terms:
-                best, changed = self._or_columns(best, place, top, base)
-                if not changed:
-                    break
-                continue
-            if not top:
+            if not term.effect.terms or not top:
                 break
             candidate = simplest(base, top).candidate
             if candidate == term:
@@ -319,60 +256,6 @@ class Search:
             if same:
                 break
         return best
-
-    def _or_of_its_channel(self, best: Structure, place: int) -> Structure:
-        """The structure or, where that is clearly better, another effect of a term's channel."""
-        # In a scan rows have no weight that are gross with the term at hand, and these may be what
-        # tells it from another effect. In whole structures each has its own weights.
-        term, context = best.terms[place], self.context
-        if not term.effect.terms:
-            return best
-        base = context.candidates(best.fit, without=(place,))
-        top, _ = context.scanned(base)
-        least = context.settings.gain_a_row * context.n_rows
-        others: dict[str, PlacedEffect] = {}
-        for trial in top:
-            other = trial.candidate
-            same = (other.place, other.target) == (term.place, term.target)
-            if same and other.effect.kind != term.effect.kind:
-                if float(base.gains([trial]).sum()) > least:
-                    others.setdefault(other.effect.kind, other)
-        options = [context.exchanged(best, place, other) for other in others.values()]
-        cheapest = least_of(options or [best], _price)
-        gained = BlockSum.of(context.data.folds.block_sums(best.rows - cheapest.rows))
-        if cheapest.price < best.price - least and gained.chance <= context.significance:
-            return self._agreed(cheapest, place)
-        return best
-
-    def _or_corrected(self, best: Structure, place: int) -> Structure:
-        """The structure or, where that is cheaper, an effect of a sensor in a term's place."""
-        # With wrong modes no correction of a record lets the laws fit; with those found it may.
-        if not best.terms[place].effect.terms:
-            return best
-        others = self.context.corrections(best, place)
-        cheapest = least_of(others or [best], _price)
-        return cheapest if cheapest.price < best.price - self.context.settings.tie else best
-
-    def _or_columns(
-        self, best: Structure, place: int, top: list[Trial], base: CandidateContext
-    ) -> tuple[Structure, bool]:
-        """A term without columns with its parameters found anew, or columns in its place."""
-        effect = best.terms[place].effect
-        if isinstance(effect, (GuardEffect, ResetEffect)):
-            return best, False  # the cycle of a guard that remembers looks like a forcing
-        if isinstance(effect, MeasurementEffect):
-            for candidate in proposals(effect, base):
-                if candidate.signature == best.terms[place].signature:
-                    tried = self.context.exchanged(best, place, candidate)
-                    best = least_of((best, tried), _price)
-        trial = simplest(base, top) if top else None
-        if trial is None or is_filter_artefact(base, trial):
-            return best, False  # as nothing that is physical, it would be refused in the end
-        tried = self.context.exchanged(best, place, trial.candidate)
-        tried = self.context.with_modes_anew(tried)
-        if tried.price < best.price - self.context.settings.tie:
-            return tried, True
-        return best, False
 
 
 def _unknown(unknowns: Unknowns | None, structure: Structure) -> Round | None:

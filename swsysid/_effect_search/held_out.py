@@ -39,19 +39,15 @@ def held_out_errors(fit: JointFit, data: SearchData) -> Array:
     return _errors_by_mode(fit, data)[fit.modes, np.arange(len(data.rows))]
 
 
-def unseen(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> tuple[Array, Array]:
-    """Negative log likelihood and errors of rows that no part of a fit to others has seen.
-
-    The errors (n_rows, n_states) are those of the mean over the modes of a row.
-    """
+def unseen_cost(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> Array:
+    """Negative log likelihood of rows that no part of a fit to others has seen."""
     # `train` and `test` are numbers among the rows of the search.
     velocities = fit.mode_velocities(data.records)
     rows, targets = data.rows[train], data.targets[train]
     scale = STUDENT.scale(targets - velocities[fit.modes, rows], exact_below(targets))
     errors = data.targets[test] - velocities[:, data.rows[test]]
     probabilities = fit.mode_proba(data.records.take(data.rows[test]))
-    cost = _mixture_cost(errors, scale, _softened(probabilities, data.settings.surprise))
-    return cost, np.einsum("jnk,nj->nk", errors, probabilities)
+    return _mixture_cost(errors, scale, _softened(probabilities, data.settings.surprise))
 
 
 def _mixture_cost(errors: Array, scale: Array, probabilities: Array) -> Array:
@@ -70,16 +66,7 @@ def _mode_probabilities(fit: JointFit, data: SearchData) -> Array:
     surprise = data.settings.surprise
     if fit.guard is None:
         return _softened(fit.mode_proba(data.records.take(data.rows)), surprise)
-    sure = _of_a_sure_guard(fit, data)
-    if fit.n_modes > 2:
-        return sure  # a guard tells two modes apart, and nothing of one more
-    # Noise hides on which side of a band a state is: of the sizes that it may have the likeliest.
-    seen, options = corrected(fit.terms, data.records), [sure]
-    for softness in data.settings.softness:
-        second = fit.guard.switched_softly(seen, softness)[data.rows]
-        options.append(_softened(np.column_stack([1.0 - second, second]), surprise))
-    own = fit.modes[:, None]
-    return max(options, key=lambda option: np.log(np.take_along_axis(option, own, axis=1)).sum())
+    return _of_a_sure_guard(fit, data)
 
 
 def _of_a_sure_guard(fit: JointFit, data: SearchData) -> Array:

@@ -28,7 +28,6 @@ from swsysid._effect_search.folds import (
     Folds,
     SearchData,
     Split,
-    StateNoise,
     exact_states,
     exciting_folds,
     make_folds,
@@ -36,7 +35,7 @@ from swsysid._effect_search.folds import (
 )
 from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.recording import Measured
-from swsysid._effect_search.settings import REPORT, SETTINGS
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
@@ -121,12 +120,8 @@ def search_beside(
     rng: np.random.RandomState,
     choices: Choices,
     most: int,
-    is_last: bool,
 ) -> Outcome:
-    """So many effects at most beside a declared model, `first` fitted to the searched rows.
-
-    It is not the last search where what it finds only serves to know the record better.
-    """
+    """So many effects at most beside a declared model, `first` fitted to the searched rows."""
     split = parts.of(measured.rows)
     records, rows = measured.records, split.search
     targets = measured.targets[rows]
@@ -150,7 +145,7 @@ def search_beside(
     )
     search = Search(context, most, choices.n_jobs, choices.verbose)
     structure, findings, rounds = search.run()
-    judge = HeldOutJudge(context, records, measured.targets, split.held_out, is_last)
+    judge = HeldOutJudge(context, records, measured.targets, split.held_out)
     steps = [one.structure for one in rounds]
     structure, findings, tried = judge.judged(structure, findings, steps)
     structure, findings = search.beside_the_unknown(structure, findings, rounds)
@@ -184,11 +179,6 @@ class Fall:
         return self.fall.value <= 0.0 or self.promised > SETTINGS.shown * self.error
 
     @property
-    def is_nowhere(self) -> bool:
-        """True if neither the searched rows nor those untouched have errors that fall."""
-        return self.promised < 0.0 and not self.fall.is_clear
-
-    @property
     def is_rise(self) -> bool:
         """True if the error clearly rises."""
         return replace(self.fall, value=-self.fall.value).is_clear
@@ -202,12 +192,6 @@ class HeldOutJudge:
     records: Records
     targets: Array  # of the whole record
     rows: NDArray[np.intp]
-    is_last: bool = True  # False where a recording will be better known with what is found
-
-    @property
-    def noise(self) -> StateNoise | None:
-        """Of the states, where velocities were made of them."""
-        return self.context.data.noise
 
     @cached_property
     def _folds(self) -> Folds:
@@ -226,25 +210,13 @@ class HeldOutJudge:
         """The untouched rows, and then those of the search."""
         return np.concatenate([self.rows, self.context.data.rows])
 
-    @cached_property
-    def _noise_of_declared(self) -> Array:
-        assert self.noise is not None
-        return self.noise.errors(self.context.declared, self.records, self._every)
-
-    def _units(self, fit: JointFit) -> Array:
-        """Usual errors of a fit, as far as the noise of the states is to blame for them."""
-        if self.noise is None:
-            return self._scale
-        own = self.noise.errors(fit, self.records, self._every)
-        return np.asarray(self._scale * own / self._noise_of_declared)
-
     def _errors(self, fit: JointFit, rows: NDArray[np.intp]) -> Array:
         return self.targets[rows] - fit.predict(self.records, rows=rows)
 
     def _falls(self, before: JointFit, after: JointFit) -> Array:
         """By how much the squares of the errors of `_every` row fall from one fit to another."""
         gross, rows = self.context.settings.gross, self._every
-        sizes = [np.abs(self._errors(fit, rows)) / self._units(fit) for fit in (before, after)]
+        sizes = [np.abs(self._errors(fit, rows)) / self._scale for fit in (before, after)]
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect
         judging = np.minimum(*(size.max(axis=1) for size in sizes)) < gross
@@ -283,12 +255,9 @@ class HeldOutJudge:
             shown = [self._shows(term) for term in structure.terms]
             useless = [
                 place
-                for place, (one, term) in enumerate(zip(gains, structure.terms, strict=True))
+                for place, one in enumerate(gains)
                 if (one.is_refuted if shown[place] else one.is_rise)
-                or (one.is_nowhere and term.effect.terms)
             ]
-            if self.is_last and not useless and self._rises(structure.fit):
-                useless = list(range(len(fewer)))
             if not useless:
                 findings = tuple(
                     replace(finding, doubts=(*finding.doubts, _NOT_SHOWN))
@@ -310,30 +279,6 @@ class HeldOutJudge:
             structure = least_of(options, lambda option: option.price)
             structure, findings = confirmed(self.context, structure)
         return structure, findings, tuple(tried)
-
-    def _rises(self, fit: JointFit) -> bool:
-        """Whether the errors, gross ones and all, rise by a larger share than they fall."""
-        # Next to a surface a row may be on either side, and one of them decides a mean square: the
-        # effects are not to blame for a mode that even the model does not know.
-        declared, found = map(self.context.with_decoded_surface, (self.context.declared, fit))
-        counted = ~self._may_stick(found, self.rows)
-        if not counted.any():
-            return False
-        before = np.mean(self._errors(declared, self.rows)[counted] ** 2, axis=0)
-        after = np.mean(self._least_errors(found)[counted] ** 2, axis=0)
-        judged = self.context.data.counted_states
-        ratios = np.sqrt(after[judged] / np.maximum(before[judged], np.finfo(float).tiny))
-        return bool(ratios.sum() > len(judged) + REPORT.worth_telling)
-
-    def _least_errors(self, fit: JointFit) -> Array:
-        """Errors of each row in the best of the modes that a fit deems possible there."""
-        possible = fit.mode_proba(self.records)[self.rows] >= SETTINGS.possible
-        errors = self.targets[self.rows] - fit.mode_velocities(self.records, self.rows)
-        sizes = np.sum((errors / self._scale) ** 2, axis=2).T
-        rows = np.arange(len(self.rows))
-        possible[rows, fit.predict_modes(self.records)[self.rows]] = True
-        best = np.argmin(np.where(possible, sizes, np.inf), axis=1)
-        return np.asarray(errors[best, rows])
 
     def _without(self, structure: Structure, place: int) -> JointFit:
         if len(structure.terms) == 1:

@@ -29,6 +29,9 @@ from swsysid._rendering.series import canvas
 from swsysid._residual_report.display import ResidualReportDisplay
 from swsysid.effects import FoundEffect, UnknownFunction
 
+_NAMES_ON_PAGE = 30  # words of a paragraph
+_MOST_ROWS = 40  # of a table of trajectories
+
 
 def effect_page(
     report: EffectContents, *, units: Units = None, title: str = "Effect search"
@@ -242,11 +245,11 @@ def _trajectories(view: _View) -> Iterable[str]:
         ["trajectory", "rows", *_before_and_after(view.rates)],
         [
             [one.trajectory, one.n_samples, *np.ravel([one.before, one.after], "F").tolist()]
-            for one in listed[: REPORT.most_rows]
+            for one in listed[:_MOST_ROWS]
         ],
     )
-    if len(listed) > REPORT.most_rows:
-        yield paragraph(f"The worst {REPORT.most_rows} of {len(listed)}.", "note")
+    if len(listed) > _MOST_ROWS:
+        yield paragraph(f"The worst {_MOST_ROWS} of {len(listed)}.", "note")
 
 
 def _rollouts(view: _View) -> Iterable[str]:
@@ -299,9 +302,7 @@ def _search(view: _View) -> Iterable[str]:
         yield listing(text.skipped(report))
     if report.not_identifiable:
         yield paragraph(f"{text.SPANNED}:")
-        yield paragraph(
-            ", ".join(words.first_of(report.not_identifiable, REPORT.names_on_page)), "note"
-        )
+        yield paragraph(", ".join(words.first_of(report.not_identifiable, _NAMES_ON_PAGE)), "note")
 
 
 _SECTIONS: tuple[tuple[str, Callable[[_View], Iterable[str]]], ...] = (

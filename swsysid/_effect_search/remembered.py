@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
 
 Answer = TypeVar("Answer")
@@ -14,9 +14,11 @@ class Remembered(Generic[Answer]):
     def __init__(self, most: int):
         self._most = most
         # An object that is kept keeps its identity, unless it comes from another process.
-        self._answers: dict[tuple[int, ...], tuple[object, Answer]] = {}
+        self._answers: dict[tuple[Hashable, ...], tuple[object, Answer]] = {}
 
-    def of(self, about: object, question: tuple[int, ...], answer: Callable[[], Answer]) -> Answer:
+    def of(
+        self, about: object, question: tuple[Hashable, ...], answer: Callable[[], Answer]
+    ) -> Answer:
         """The answer to a question about this very object, worked out if it is not known."""
         key = (id(about), *question)
         if key not in self._answers or self._answers[key][0] is not about:

@@ -18,6 +18,10 @@ from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._noise import root_mean_square
 from swsysid._results import Array, Status, Trajectory
 
+_MOST_ROLLOUTS = 4  # each has a picture of its own
+_ROLLOUT_ACCURACY = 1e-5  # of the spreads of the states: no one measures more
+_MOST_SAMPLES = 1000  # of one rollout: seconds of work, and all that a picture resolves
+
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
@@ -102,8 +106,8 @@ def rolled_out(
 ) -> tuple[Rollout, ...]:
     """The first few stretches, the first thousand samples of each, simulated by both models."""
     done = []
-    for name, rows in stretches[: REPORT.most_rollouts]:
-        part = records.take(rows[: REPORT.most_samples])
+    for name, rows in stretches[:_MOST_ROLLOUTS]:
+        part = records.take(rows[:_MOST_SAMPLES])
         if len(rows) > 1:
             t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
             start = part.X[0, : part.n_states]
@@ -111,7 +115,7 @@ def rolled_out(
             before, after = (_rollout(model, part, t, discrete, start) for model in both)
             measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
             slides = after.status is Status.SWITCH_LIMIT
-            own = rows[: REPORT.most_samples]
+            own = rows[:_MOST_SAMPLES]
             done.append(Rollout(name, t, measured, before.x, after.x, ended, slides, own, after))
     return tuple(done)
 
@@ -200,8 +204,8 @@ def _rollout(
         signals=part.signals if part.signals.shape[1] else None,
         input_hold="zero" if discrete else "linear",
         mode=model.joint_fit_.first_mode(part),
-        rtol=REPORT.rollout_accuracy,
-        atol=REPORT.rollout_accuracy * float(spread[spread > 0.0].min(initial=1.0)),
+        rtol=_ROLLOUT_ACCURACY,
+        atol=_ROLLOUT_ACCURACY * float(spread[spread > 0.0].min(initial=1.0)),
     )
     return simulated
 

@@ -288,7 +288,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         """
         stated, (plain, final) = self._declared, fits
         if measured.records.decoded_modes is not None and self.max_effects:
-            first = self._search(measured, parts, plain, rng, 1, is_last=False).structure.fit
+            first = self._search(measured, parts, plain, rng, 1).structure.fit
             self._declared, better = beside_effects(stated, measured, first)
             if better is not None and better.is_enough(parts):
                 start = better.fitted(self._declared, parts.of(better.rows).search)
@@ -308,7 +308,6 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         plain: JointFit,
         rng: np.random.RandomState,
         most: int,
-        is_last: bool = True,
     ) -> Outcome:
         """So many effects at most beside the declared model, fitted alone to the same rows."""
         choices = Choices(
@@ -318,20 +317,17 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
             self.n_jobs,
             self.verbose,
         )
-        return search_beside(self._declared, plain, measured, parts, rng, choices, most, is_last)
+        return search_beside(self._declared, plain, measured, parts, rng, choices, most)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
         while True:
             final, ladder = self._reported(measured, found, plain)
-            rollouts, empty = self.report_.data.rollouts, ladder.without_rows(final)
-            if empty is not None:
-                found = found.without(*ladder.added(empty))
-            elif ladder.n_simulated and ladder.is_refused(rollouts, measured.recorded is None):
-                least = ladder.added(ladder.n_simulated - 1)
-                found = found.without(*least, errors_of_all(rollouts))
-            else:
+            rollouts, is_given = self.report_.data.rollouts, measured.recorded is None
+            if not ladder.n_simulated or not ladder.is_refused(rollouts, is_given):
                 return final
+            least = ladder.added(ladder.n_simulated - 1)
+            found = found.without(*least, errors_of_all(rollouts))
 
     def _reported(
         self, measured: Measured, found: Outcome, plain: JointFit

@@ -46,21 +46,18 @@ class SearchSettings:
     between_values: float = 0.25  # share of a gain that the nearest value of a scan shows at least
     fine: float = 1e-3  # of the distance between two values of a scan: below every interval
     n_sweeps: int = 5  # over parameters of one effect that trade off
-    foreseen: float = 0.5  # share of what the past explains: where the future does it is a filter
     sure_smear: float = 3.0  # standard errors of the correlation by which a filter is told
     held_late: float = 0.6  # steps: a held input is late by half of one, as far as it is known
     correction: float = 5.0  # gain for which the correction of a sensor is worth a fit
 
     # -- structures ------------------------------------------------------------------------------
     surprise: float = 0.002  # probability that a surface is wrong where it is sure
-    # noise of what a guard looks at, of its spread: from what decides no row to all of a band
-    softness: tuple[float, ...] = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
     gross: float = 6.0  # robust standard deviations beyond which an error counts no more
     tie: float = 3.0  # gain within which structures are as good as each other
     hopeful: float = 0.5  # p-value up to which a candidate is fitted together with the modes
     same_modes: float = 0.995  # share of the rows: then an effect has left the modes as they were
     n_lately: int = 4  # fits whose candidates are remembered
-    n_answers: int = 12  # to each kind of question about structures that are remembered
+    n_answers: int = 48  # to questions about structures that are remembered
     n_restarts: int = 10  # kinds with which the modes are sought anew
     n_splits: int = 17  # thresholds of a channel: about every twentieth row of a mode
     n_questions: int = 3  # times that a term is scanned again at the modes found with it
@@ -83,7 +80,6 @@ class SearchSettings:
     # Every record has an endless rest that is significant and small: 0.05 a row is an error
     # smaller by five per cent.
     gain_a_row: float = 0.05
-    worth_a_question: float = 0.5  # share of that gain: in one mode less of it will not become all
     share: float = 0.01  # of the squares that the declared model leaves over
     # One more mode bends to anything and explains whatever the first named effect leaves over.
     share_of_a_mode: float = 0.1
@@ -113,38 +109,12 @@ class SearchSettings:
 
 @dataclass(frozen=True)
 class ReportSettings:
-    """How much the text, the page and the pictures say and show."""
+    """What several of the text, the page and the pictures go by."""
 
-    # -- what is worth telling ----------------------------------------------------------------
     worth_telling: float = 0.01  # share by which an error is lowered
-    hidden: float = 0.5  # share of a fall: where gross rows leave less of it, both are told
-    smallest_p_value: float = 1e-16  # smaller ones are rounding
-    noise_alone: float = 1.3  # times the noise floor, which is known to a tenth or two: no more
-    smallest_error: float = 1e-12  # of the declared model's: sums of some terms have no more digits
-
-    # -- lists --------------------------------------------------------------------------------
     precision: int = 3  # digits of a law in text
-    names_in_text: int = 12  # lines of a terminal
-    names_on_page: int = 30  # words of a paragraph
-    most_rows: int = 40  # of a table of trajectories
-
-    # -- rollouts -----------------------------------------------------------------------------
     clearly_worse: float = 0.05  # share by which rollouts of recordings rise: beyond their luck
-    most_rollouts: int = 4  # each has a picture of its own
-    rollout_accuracy: float = 1e-5  # of the spreads of the states: no one measures more
-    least_noise: float = 1e-4  # of these spreads: less is rounding beside that accuracy
-    most_samples: int = 1000  # of one rollout: seconds of work, and all that a picture resolves
-
-    # -- pictures -----------------------------------------------------------------------------
-    most_dots: int = 3000
-    most_bars: int = 24  # whose names can be read
-    formulas: int = 3  # lines of a terminal
-    points: int = 101  # of the curve of a function without a name
-    longest_label: int = 34  # letters on one line
-    decades: float = 30.0  # errors that differ by a larger factor stand on a logarithmic axis
-    jump: float = 0.02  # neighbours of a function differ by less than this share of its range
-    smallest_factor: float = 0.5  # of its usual size: a function is told where it is larger
-    stretch: int = 300  # samples of one trajectory that are shown where time is the axis
+    least_noise: float = 1e-4  # of the spreads of the states: less is rounding beside a rollout's
 
 
 SETTINGS, REPORT = SearchSettings(), ReportSettings()

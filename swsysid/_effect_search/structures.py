@@ -25,7 +25,7 @@ from swsysid._effect_search.candidates import (
     candidate_context,
 )
 from swsysid._effect_search.folds import SearchData
-from swsysid._effect_search.held_out import held_out_cost, unseen
+from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.scan import is_unresolved, proposals, refined, scan
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
@@ -78,14 +78,6 @@ class Structure:
 
 
 @dataclass(frozen=True)
-class Unseen:
-    """Every row as predicted by fits of a structure to others."""
-
-    cost: Array  # negative log likelihoods, (n_rows,)
-    errors: Array  # of what is to be expected of all modes, (n_rows, n_states)
-
-
-@dataclass(frozen=True)
 class SearchContext:
     """The declared model, the data, the effects in question, and structures of them."""
 
@@ -98,18 +90,9 @@ class SearchContext:
     lately: Remembered[CandidateContext] = field(
         default_factory=lambda: Remembered(SETTINGS.n_lately), repr=False
     )  # candidates beside fits
-    fewer: Remembered[Structure] = field(
+    answers: Remembered = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # structures without one of their terms
-    corrected: Remembered[list[Structure]] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # structures with a sensor's or clock's effect instead of a term
-    forgetful: Remembered[list[Structure]] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # structures with a guard that remembers nothing
-    unseen: Remembered[Unseen] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # rows that nothing of a structure has seen
+    )  # to questions about structures
 
     @property
     def settings(self) -> SearchSettings:
@@ -181,7 +164,9 @@ class SearchContext:
 
     def without_memory(self, structure: Structure, place: int) -> list[Structure]:
         """Structures with a guard that remembers nothing in the place of one that does."""
-        return self.forgetful.of(structure, (place,), lambda: self._forgetful(structure, place))
+        return self.answers.of(
+            structure, ("forgetful", place), lambda: self._forgetful(structure, place)
+        )
 
     def _forgetful(self, structure: Structure, place: int) -> list[Structure]:
         fit, term, records = structure.fit, structure.terms[place], self.data.records
@@ -199,7 +184,9 @@ class SearchContext:
 
     def without(self, structure: Structure, place: int) -> Structure:
         """The structure without one of its terms."""
-        return self.fewer.of(structure, (place,), lambda: self._fitted_without(structure, place))
+        return self.answers.of(
+            structure, ("without", place), lambda: self._fitted_without(structure, place)
+        )
 
     def _fitted_without(self, structure: Structure, place: int) -> Structure:
         fit = structure.fit
@@ -250,20 +237,19 @@ class SearchContext:
             return count  # a scan once more is of the same candidates
         return count * (1 + self.settings.n_questions) + self.settings.n_restarts
 
-    def unseen_rows(self, structure: Structure) -> Unseen:
-        """What fits of the structure to the other folds make of every row."""
-        return self.unseen.of(structure, (), lambda: self._fitted_to_others(structure))
+    def unseen_cost(self, structure: Structure) -> Array:
+        """Negative log likelihood of every row by fits of the structure to the other folds."""
+        return self.answers.of(structure, ("unseen",), lambda: self._fitted_to_others(structure))
 
-    def _fitted_to_others(self, structure: Structure) -> Unseen:
-        data, modes = self.data, structure.fit.modes
-        cost, errors = np.empty(self.n_rows), np.empty(data.targets.shape)
+    def _fitted_to_others(self, structure: Structure) -> Array:
+        data, modes, cost = self.data, structure.fit.modes, np.empty(self.n_rows)
         for train, test in data.folds.parts:
             rows, targets = data.rows[train], data.targets[train]
             fit = fit_jointly(
                 self.model, structure.terms, data.records, rows, targets, modes[train], 1
             )
-            cost[test], errors[test] = unseen(fit, data, train, test)
-        return Unseen(cost, errors)
+            cost[test] = unseen_cost(fit, data, train, test)
+        return cost
 
     # -- candidates beside a structure -----------------------------------------------------------
 
@@ -306,8 +292,8 @@ class SearchContext:
 
     def corrections(self, structure: Structure, place: int) -> list[Structure]:
         """Structures with an effect of a sensor or clock in the place of a term."""
-        question = (place, *map(id, self.effects))
-        return self.corrected.of(structure, question, lambda: self._corrections(structure, place))
+        question = ("corrected", place, *map(id, self.effects))
+        return self.answers.of(structure, question, lambda: self._corrections(structure, place))
 
     def _corrections(self, structure: Structure, place: int) -> list[Structure]:
         base = self.candidates(structure.fit, without=(place,))

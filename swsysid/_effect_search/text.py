@@ -36,6 +36,10 @@ from swsysid.effects import (
     UnmeasuredDisturbance,
 )
 
+_HIDDEN = 0.5  # share of a fall: where gross rows leave less of it, both are told
+_NAMES_IN_TEXT = 12  # lines of a terminal
+_FORMULAS = 3  # lines of a terminal
+
 NOT_LOOKED_FOR = "Not looked for"
 SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
 NOT_KEPT = "Significant but not kept, since what is untouched is not clearly better predicted"
@@ -90,7 +94,7 @@ def _fall(report: EffectContents, with_them: str, units: Units) -> str:
             f"{lead} {_rate_of(report, other)}, {which}, is {_instead(usual, other)}; that of all "
             "rows is no lower"
         )
-    hidden = other == target and fall < REPORT.hidden * usual_fall
+    hidden = other == target and fall < _HIDDEN * usual_fall
     without = f", and {_instead(usual, target)} {which}" if hidden else ""
     instead = _instead(every, target, judged_unit(report, target, units))
     share = "" if hidden else explained(report, target)
@@ -313,7 +317,7 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
     ):
         if entries:
             yield f"{heading}:"
-            yield from (f"  {entry}" for entry in first_of(entries, REPORT.names_in_text))
+            yield from (f"  {entry}" for entry in first_of(entries, _NAMES_IN_TEXT))
 
 
 def _left_over(report: EffectContents) -> Iterator[str]:
@@ -360,7 +364,7 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
         sure = interval(effect, name)
         yield f"   {name} {value:.5g}" + (f"  (95 %: {sure})" if sure else "")
     yield from (f"   {equation}" for equation in effect.equations)
-    for formula in effect.formulas[: REPORT.formulas]:
+    for formula in effect.formulas[:_FORMULAS]:
         verdict = "predicts as well" if formula.ties else "predicts worse"
         yield f"   formula: {formula.text}, {verdict}: {formula.error:.3g} of the error"
     advised: dict[str, list[str]] = {}

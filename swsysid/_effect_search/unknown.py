@@ -18,10 +18,9 @@ from swsysid._effect_search.acceptance import (
     at_modes_found_with_it,
     channels_of,
     is_promising,
-    shares_channels,
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
-from swsysid._effect_search.evidence import structural_evidence
+from swsysid._effect_search.evidence import chance_of_gains
 from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
@@ -61,37 +60,14 @@ class Unknowns:
         """The structure with shapes in the place of the terms that only approximate them."""
         for _ in range(len(structure.terms)):
             tried = [self._instead(structure, group) for group in _groups(structure)]
-            options = [option for option in tried if self._is_reason(option, structure)]
+            options = [option for option in tried if self._is_better(option, structure)]
             if not options:
                 break
             best = least_of(options, _cost)
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
             structure = least_of([best, *level], lambda option: len(option.terms), _cost)
-        return self._resolved(self._merged(self._one_for_several(structure)))
-
-    def _one_for_several(self, structure: Structure) -> Structure:
-        """One shape unless several effects with a name of the same channel are better than it.
-
-        Two of them can imitate what neither is, and which two is anybody's guess.
-        """
-        for group in _of_one_channel(structure):
-            option = self._instead(structure, group)
-            if len(option.terms) < len(structure.terms) and not self._is_better(structure, option):
-                return self._one_for_several(option)
-        return structure
-
-    def _merged(self, structure: Structure) -> Structure:
-        """One shape where terms beside it depend on nothing else, unless much is lost."""
-        most = self.named.settings.gain_a_row * self.named.n_rows
-        for _ in range(len(structure.terms)):
-            merged = (self._instead(structure, group) for group in _nested(structure))
-            fewer = [option for option in merged if option.cost < structure.cost + most]
-            fewer = [option for option in fewer if len(option.terms) < len(structure.terms)]
-            if not fewer:
-                break
-            structure = least_of(fewer, _cost)
-        return structure
+        return self._resolved(structure)
 
     def _resolved(self, structure: Structure) -> Structure:
         """The structure with as many knots of each shape as it is better with."""
@@ -124,17 +100,6 @@ class Unknowns:
         gains = self.named.data.folds.block_sums(than.rows - option.rows)
         return float(gains.sum()), float(gains.std(ddof=1) * np.sqrt(len(gains)))
 
-    def _is_reason(self, option: Structure, than: Structure) -> bool:
-        """True if it is better, and by more where it names a channel that no term named before.
-
-        Of two channels that go together either can stand for the other: another one has to be worth
-        as much as one more effect.
-        """
-        other = {channel for term in option.terms for channel in channels_of(term)}
-        other -= {channel for term in than.terms for channel in channels_of(term)}
-        least = self.named.settings.gain_a_row * self.named.n_rows if other else 0.0
-        return option.cost < than.cost - least and self._is_better(option, than)
-
     def added(self, structure: Structure) -> tuple[Finding, Structure, int] | None:
         """The shape that explains what is left over, None if none does."""
         context, fit, place = self.named, structure.fit, len(structure.terms)
@@ -158,7 +123,7 @@ class Unknowns:
         chance = base.p_value(trial)
         p_value = n_candidates * chance
         if anew:
-            again = structural_evidence(context, structure, tried).chance
+            again = chance_of_gains(context, structure, tried)
             p_value = at_modes_found_with_it(n_candidates, chance, again)
         if p_value > context.significance:
             return None
@@ -195,22 +160,9 @@ class Unknowns:
         worth = settings.mode_gain_a_row if is_mode else settings.gain_a_row
         worth *= self.named.n_rows
         limit = min(error, worth) if len(group) == 1 and not is_mode else worth
-        if gain > limit and not self._follows_the_same(structure, group):
+        if gain > limit:
             return finding
         return replace(finding, rivals=(*finding.rivals, option.terms[-1]))
-
-    def _follows_the_same(self, structure: Structure, group: list[int]) -> bool:
-        """Whether what is left over beside some terms is a function of their channels."""
-        terms = [structure.terms[place] for place in group]
-        channels = set.union(*map(channels_of, terms))
-        base = self.shapes.candidates(structure.fit)
-        top, n_candidates = self.shapes.scanned(base)
-        return any(
-            n_candidates * base.p_value(trial) <= self.named.significance
-            for trial in top
-            if channels_of(trial.candidate) <= channels
-            and trial.candidate.target in {term.target for term in terms}
-        )
 
     def _instead(self, structure: Structure, group: list[int]) -> Structure:
         """The structure with the best shape in the place of some terms."""
@@ -317,13 +269,3 @@ def _imitated(structure: Structure, place: int) -> list[int]:
     if not effect.terms or isinstance(effect, UnknownFunction):
         return []
     return next((one for one in _of_one_channel(structure) if place in one), [place])
-
-
-def _nested(structure: Structure) -> list[list[int]]:
-    """Pairs of a shape and a term in the same equation that depends on the same channels only."""
-    return [
-        [place, number]
-        for place, shape in enumerate(structure.terms)
-        for number, term in enumerate(structure.terms)
-        if shares_channels(shape, term)
-    ]

@@ -13,6 +13,10 @@ from swsysid._rendering.printing import between
 from swsysid.effects import FoundEffect, Rival
 from swsysid.effects._base import NOWHERE
 
+_SMALLEST_P_VALUE = 1e-16  # smaller ones are rounding
+_NOISE_ALONE = 1.3  # times the noise floor, which is known to a tenth or two: no more
+_SMALLEST_ERROR = 1e-12  # of the declared model's: sums of some terms have no more digits
+
 Units = Mapping[str, str] | None
 
 
@@ -59,7 +63,7 @@ def explained(report: EffectContents, state: int) -> str:
         return ""
     share = (before**2 - max(after, noise) ** 2) / (before**2 - noise**2)
     told = f". Of the squared error above the noise {percent(share)} is explained"
-    if after <= REPORT.noise_alone * noise:
+    if after <= _NOISE_ALONE * noise:
         return f"{told}, and nothing but noise is left"
     is_free = noise <= REPORT.least_noise * before  # of noise: the record is all but exact
     return told if is_free else f"{told}, and {after / noise:.2g} times the noise is left"
@@ -101,13 +105,13 @@ def sentence(text: str, names: Sequence[str]) -> str:
 
 def probability(value: float) -> str:
     """A p-value, no smaller than means anything."""
-    least = REPORT.smallest_p_value
+    least = _SMALLEST_P_VALUE
     return f"p = {value:.1g}" if value >= least else f"p < {least:g}"
 
 
 def error(value: float, before: float) -> str:
     """A root mean square error, no smaller than the rounding of what it was before."""
-    least = REPORT.smallest_error * before
+    least = _SMALLEST_ERROR * before
     return f"{value:.4g}" if value >= least else f"< {least:.1g}"
 
 

@@ -8,7 +8,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import Monomials
@@ -89,11 +88,6 @@ class GuardHysteresis(GuardEffect):
 
     def switched(self, records: Records, place: Guard, *theta: float) -> Modes:
         return place.modes(records, *theta)
-
-    def probability(self, records: Records, place: Guard, softness: float, *theta: float) -> Array:
-        values = place(records.X)
-        above = _soft_side(records, values, softness * float(values.std()), *theta)
-        return above if place.upper_mode == 1 else 1.0 - above
 
     def remembers(self, *theta: float) -> bool:
         lower, upper = theta
@@ -313,23 +307,6 @@ def _excesses(bands: list[Band], records: Records, values: Array, sides: Array) 
     votes = np.bincount(np.cumsum(begins) - 1, weights=sides[order])
     some, part = records.take(first), values[first]
     return np.array([float(votes @ _remembered(some, part, *band)) for band in bands])
-
-
-def _soft_side(records: Records, values: Array, noise: float, low: float, high: float) -> Array:
-    """Probability of the upper side of a band along the trajectories.
-
-    With logistic noise a sample is above the band with probability u and below it with d; what was
-    before counts where it is neither: q becomes q (1 - d) + (1 - q) u.
-    """
-    up, down = expit((values - high) / noise), expit((low - values) / noise)
-    above = np.empty(len(values))
-    for rows in records.trajectories:
-        side, sides = float(expit((values[rows[0]] - 0.5 * (low + high)) / noise)), []
-        for rises, falls in zip(up[rows].tolist(), down[rows].tolist(), strict=True):
-            side = side * (1.0 - falls) + (1.0 - side) * rises
-            sides.append(side)
-        above[rows] = sides
-    return above
 
 
 def _remembered(records: Records, values: Array, low: float, high: float) -> Array:

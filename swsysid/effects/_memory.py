@@ -49,31 +49,6 @@ class Remembering(OfAChannel):
         return records.along(response, records.channel(place))[:, None]
 
 
-class Foreseeing(Remembering):
-    """The same response to the future of an input instead of its past.
-
-    A filter that has made the velocities looks both ways; what remembers does not.
-    """
-
-    def __init__(self, effect: Remembering):
-        self.effect = effect
-
-    kind = "foreseeing"
-    formulas = ("foreseen({0}, {1})",)
-
-    def role_at(self, records: Records, place: Place) -> str:
-        return self.effect.role_at(records, place)
-
-    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        return self.effect.parameters(records, place)
-
-    def places(self, records: Records) -> Sequence[int]:
-        return self.effect.places(records)
-
-    def response(self, theta: float, t: Array, values: Array) -> Array:
-        return self.effect.response(theta, -t[::-1], values[::-1])[::-1]
-
-
 class Delay(Remembering):
     """``gain * u(t - delay)`` in the place of ``gain * u(t)``.
 

@@ -134,11 +134,6 @@ class PlacedEffect:
         assert isinstance(self.effect, GuardEffect)
         return self.effect.switched(records, self.place, *self.theta)
 
-    def switched_softly(self, records: Records, softness: float) -> Array:
-        """Probability of the second of two modes along the trajectories, as its guard says."""
-        assert isinstance(self.effect, GuardEffect)
-        return self.effect.probability(records, self.place, softness, *self.theta)
-
     def shortened(self, records: Records) -> Records:
         """The shortest record after which the effect goes on as after this one."""
         return self.effect.shortened(records, self.place, *self.theta)

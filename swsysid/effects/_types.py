@@ -98,14 +98,6 @@ class GuardEffect(WithoutColumns):
         """Modes along the trajectories."""
         raise NotImplementedError
 
-    def probability(self, records: Records, place: Place, softness: float, *theta: float) -> Array:
-        """Of mode 1 along the trajectories, where noise hides what the guard looks at.
-
-        `softness` is the size of that noise, as a share of the spread of what it looks at. A guard
-        that does not say better is as sure as without noise.
-        """
-        return self.switched(records, place, *theta).astype(float)
-
     def remembers(self, *theta: float) -> bool:
         """False for parameters with which the modes are a function of the present state."""
         return True

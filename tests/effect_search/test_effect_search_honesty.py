@@ -13,7 +13,7 @@ from sklearn.utils.estimator_checks import (
 )
 
 from swsysid import EffectRegressor, EffectSearchCV, IdentificationWarning, SwitchingSystemRegressor
-from swsysid._effect_search.acceptance import confirmed, contains, finding
+from swsysid._effect_search.acceptance import confirmed, finding
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.greedy import Round, Search
 from swsysid._effect_search.outcome import Fall
@@ -23,11 +23,9 @@ from swsysid.effects import (
     CoulombFriction,
     ExtraMode,
     GuardHysteresis,
-    Lag,
     PlacedEffect,
     QuadraticDrag,
     Reset,
-    UnknownFunction,
 )
 from swsysid.effects._guards import Guard
 
@@ -230,21 +228,6 @@ def test_a_record_at_rest_leaks_no_warning_of_numpy():
         search = EffectSearchCV(declared, effects=[QuadraticDrag(), CoulombFriction()])
         search.fit(X[:-1], X[1:], t=np.arange(399.0))
     assert search.effects_ == []
-
-
-def test_a_term_beside_a_shape_that_contains_it_is_a_special_case():
-    shape = PlacedEffect(UnknownFunction((0, 1), ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))), (0, 1), 1)
-    inside, elsewhere = PlacedEffect(CoulombFriction(), 1, 1), PlacedEffect(CoulombFriction(), 1, 0)
-    assert contains(shape, inside) and not contains(inside, shape)
-    assert not contains(shape, elsewhere) and not contains(shape, PlacedEffect(Lag(), 1, 1))
-
-
-@pytest.mark.parametrize(("of_shape", "of_term", "expected"), [
-    (None, 0, True), (0, 0, True), (0, 1, False), (0, None, False),
-])  # fmt: skip
-def test_a_shape_in_one_mode_contains_nothing_of_another(of_shape, of_term, expected):
-    shape = PlacedEffect(UnknownFunction((1,), ((0.0,), (1.0,))), (1,), 1, of_shape)
-    assert contains(shape, PlacedEffect(CoulombFriction(), 1, 1, of_term)) is expected
 
 
 def test_a_guard_that_makes_the_error_rise_is_seen_to():

@@ -37,15 +37,12 @@ def test_two_rows_on_the_surface_are_no_veto():
 
 @pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::swsysid.GuardWarning")  # what a force does to modes
-def test_one_more_mode_that_all_rows_leave_empty_is_only_tried():
-    # a force that is switched on now and then: the third mode of the searched rows is none of all
+def test_a_force_that_is_switched_on_now_and_then_is_no_mode():
     data = make_undeclared(unlisted="intermittent_disturbance", system="quartic", random_state=230)
     search = EffectSearchCV(data.estimator).fit(data.X, data.Xdot, t=data.t, groups=data.groups)
     assert [effect.kind for effect in search.effects_] == ["unmeasured_disturbance"]
     assert search.effects_[0].target == 1
-    (tried,) = search.report_.tried
-    assert "extra mode" in tried["effect"]
-    assert max(tried["after"]) > max(tried["before"])  # .6151 and .6105
+    assert search.report_.tried == ()
 
 
 @pytest.mark.parametrize(
@@ -83,7 +80,7 @@ def test_noise_hides_rows_at_rest_where_there_is_dry_friction():
         np.array([4, 3, 2, 1, 0]),
     )
     friction = PlacedEffect(CoulombFriction(), 1, 1)
-    noise = StateNoise(np.array([1.0, 0.01]), np.array([1.0, 1.0]))
+    noise = StateNoise(np.array([1.0, 0.01]))
     hidden = noise.hides([friction], records, rows)
     assert hidden.tolist() == [False, False, True, True, False]
     assert not noise.hides([PlacedEffect(QuadraticDrag(), 1, 1)], records, rows).any()

@@ -8,7 +8,6 @@ import pytest
 
 from swsysid._data.records import make_records
 from swsysid._effect_model.models import declared_model
-from swsysid._effect_search.acceptance import explainable_share
 from swsysid._effect_search.folds import make_folds
 from swsysid._effect_search.recording import from_states
 from swsysid._effect_search.regression import Regression, SharedSums
@@ -93,18 +92,6 @@ def test_a_candidate_that_the_library_spans_gains_nothing(problem):
     equations = problem.background(None).normal_equations(spanned[:, :, None])
     assert equations.spanned.all()
     assert np.all(equations.solve(None).gain == 0.0)
-
-
-def test_functions_may_explain_what_neighbours_share_and_no_more():
-    rng = np.random.default_rng(0)
-    X = rng.uniform(-1.0, 1.0, (2000, 2))
-    wave = np.sqrt(2.0) * np.sin(4.0 * X[:, 0] * X[:, 1] + 0.5)
-    errors = rng.standard_normal((2000, 3)) + np.column_stack([0 * wave, 0.5 * wave, 2.0 * wave])
-    truth = 1.0 - 1.0 / errors.var(axis=0)
-    none, some, most = explainable_share(X, errors, sure=2.0)
-    assert none < 0.1  # two standard errors of a mean of 2000 products with four neighbours: .06
-    assert truth[1] < some < truth[1] + 0.15
-    assert truth[2] - 0.1 < most <= 1.0
 
 
 def test_columns_of_a_recording_on_some_rows_are_those_of_all():

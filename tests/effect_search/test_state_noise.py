@@ -6,10 +6,8 @@ from scipy.signal import cont2discrete, lfilter
 
 from swsysid import SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._effect_model.joint_fit import fit_jointly
 from swsysid._effect_model.models import declared_model
 from swsysid._effect_search.recording import from_states
-from swsysid.effects import Lag, PlacedEffect
 
 # A box and its heater, coarsely sampled: T' = -.1 T + .07 H, H' = .08 (T - H) + .3 u.
 BOX = np.array([[-0.1, 0.07], [0.08, -0.08]])
@@ -45,25 +43,3 @@ def measured():
 
 def test_the_noise_is_that_of_the_record(measured):
     np.testing.assert_allclose(measured[1].noise.states, NOISE, rtol=0.05)
-
-
-def test_it_makes_the_errors_that_the_right_law_has(measured):
-    # the slopes' own part of them is smaller: states that are noisy leave the rest over
-    model, found = measured
-    fit = found.fitted(model)
-    left = (found.targets - fit.predict(found.records))[found.rows]
-    expected = found.noise.errors(fit, found.records, found.rows)
-    np.testing.assert_allclose(np.sqrt(np.mean(left**2, axis=0)), expected, rtol=0.15)
-    assert found.noise.slopes[0] < 0.8 * expected[0]
-
-
-def test_an_input_without_noise_lowers_errors_by_being_quiet(measured):
-    # a lag of the heater's power tells H more quietly than H itself, and is no effect
-    model, found = measured
-    quiet = PlacedEffect(Lag(), place=2, target=0, theta=(6.0,))
-    own = found.targets[found.rows], found.records.decoded_modes[found.rows]
-    fits = [fit_jointly(model, terms, found.records, found.rows, *own) for terms in ((), (quiet,))]
-    left = [np.std((found.targets - fit.predict(found.records))[found.rows, 0]) for fit in fits]
-    noise = [found.noise.errors(fit, found.records, found.rows)[0] for fit in fits]
-    assert left[1] < 0.9 * left[0]
-    assert left[1] / noise[1] > 0.97 * left[0] / noise[0]

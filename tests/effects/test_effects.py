@@ -252,25 +252,6 @@ def test_of_the_guards_without_a_memory_that_which_agrees_best():
     assert effect.remembers(0.5, 2.5)
 
 
-def test_a_guard_is_as_sure_as_the_noise_of_its_values_lets_it():
-    # a band from -2 to 2 and noise of 1: at 0 either side is left with probability 0.1192, at 2 the
-    # lower one with 0.5 and the upper one with 0.0180, at -3 with 0.0067 and 0.7311
-    data = records([[0.0], [2.0], [-3.0]], groups=np.zeros(3, dtype=int))
-    told = GuardHysteresis().probability(data, Guard(((0,),), (1.0,), 1), 1.0 / data.X.std(), -2, 2)
-    above = 0.5 * (1.0 - 0.0180) + 0.5 * 0.5
-    expected = [0.5, above, above * (1.0 - 0.7311) + (1.0 - above) * 0.0067]
-    np.testing.assert_allclose(told, expected, atol=1e-4)  # of four digits
-
-
-@pytest.mark.parametrize("upper", [0, 1])
-def test_without_noise_the_probability_is_the_mode(upper):
-    up_and_down = np.tile([0.0, 1, 2, 3, 4, 5, 4, 3, 2, 1], 8)
-    data = records(up_and_down[:, None], t=np.arange(80.0), groups=np.zeros(80, dtype=int))
-    effect, guard = GuardHysteresis(), Guard(((0,),), (1.0,), upper)
-    told = effect.probability(data, guard, 0.01, 1.5, 3.5)
-    np.testing.assert_allclose(told, effect.switched(data, guard, 1.5, 3.5), atol=1e-9)
-
-
 @pytest.mark.parametrize(("modes", "place", "expected"), [
     ([0, 0, 1, 0, 0], 2, (1, 0)),  # there and back at once
     ([0, 0, 1, 0, 0], 1, (0, 1)),

@@ -56,8 +56,8 @@ MOST_LINES = {
     "_discrete_stays": 2110,
     "_displays": 1590,
     "_effect_model": 2420,
-    "_effect_search": 9580,
-    "effects": 4010,
+    "_effect_search": 9060,
+    "effects": 3950,
     "exporting": 2700,
     "_free_rollouts": 860,
     "_identification": 2710,
@@ -80,7 +80,7 @@ MOST_LINES = {
     "top": 3590,
 }
 MOST_FILES = 411  # four say verdicts that were the command line's; settings of SpaceEx, conditions
-MOST_SETTINGS = 539
+MOST_SETTINGS = 517
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
 
