@@ -114,17 +114,26 @@ class Factor:
     def quadratic_form(self, places: NDArray[np.intp], own: Array, shared: Array) -> Array:
         """V' A^-1 v of some vectors v (n_vectors,).
 
-        Each has entries `own` (n_vectors, n_own) at `places` of the band and `shared` (n_vectors,
-        n_corner) in the corner.
+        Each has entries `own` (n_vectors, n_own) at `places` of the band, which follow each other
+        within its width, and `shared` (n_vectors, n_corner) in the corner.
         """
-        forms = np.empty(len(own))
-        for some in np.array_split(np.arange(len(own)), max(1, len(own) // 32)):
-            b = np.zeros((len(self.border), len(some)), order="F")
-            b[places[some].T, np.arange(len(some))] = own[some].T
-            x = cho_solve_banded((self.band, True), b, check_finite=False)
-            left = shared[some].T - self.border.T @ x
-            forms[some] = (b * x).sum(axis=0) + (left * self.corner.over(left)).sum(axis=0)
-        return forms
+        left = shared - np.einsum("vi,vic->vc", own, self.reached[places])
+        forms = (left * self.corner.over(left.T).T).sum(axis=1)
+        of_place: dict[int, list[int]] = {}
+        for number, place in enumerate(places[:, 0].tolist()):
+            of_place.setdefault(place, []).append(number)
+        # entries of B^-1 next to its diagonal, the last first (Takahashi et al., 1973)
+        width, near = len(self.band), np.zeros((len(self.band), len(self.band)))
+        size = own.shape[1]
+        for place in range(self.band.shape[1] - 1, -1, -1):
+            pivot, column = self.band[0, place], self.band[1:, place] / self.band[0, place]
+            before = near[: width - 1, : width - 1].copy()
+            near[1:, 1:], reach = before, before @ column
+            near[1:, 0] = near[0, 1:] = -reach
+            near[0, 0] = pivot**-2.0 + column @ reach
+            for number in of_place.get(place, ()):
+                forms[number] += own[number] @ near[:size, :size] @ own[number]
+        return np.asarray(forms)
 
 
 class Corner:

@@ -34,7 +34,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # is run (`_automaton`, `_discrete_stays`); two of them are found (`_automaton_search/conditions`).
 # What inputs do between rows is said to identifiers and no longer to the command line alone (`top`;
 # `_cli`). Many recordings are worked where they are (`_data`), each condensed to what it says of
-# laws and surfaces (`_stays`; `top`). What several laws imitate is no answer (`_automaton_search`);
+# laws and surfaces, and errors of instants take a time that grows with their number (`_stays`).
+# What several laws imitate is no answer (`_automaton_search`);
 # positions may rest or leave their range (`_cli`); all samples tell what unseen ones leave open
 # (`_output_error`), and refute what is not worth telling (`_effect_search`). Guards may have
 # several conditions, which are stated, followed, written and read, as is how a SpaceEx model is run
@@ -73,7 +74,7 @@ MOST_LINES = {
     "_seeding": 1360,
     "_simulation": 1900,
     "_solvers": 1290,
-    "_stays": 9240,
+    "_stays": 9260,
     "_surfaces": 2310,
     "_tables": 1080,
     "_verdict": 1720,
