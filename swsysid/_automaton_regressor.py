@@ -381,20 +381,16 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.automaton_ = found.automaton
         self.coef_, self.transitions_ = found.automaton.coef, found.automaton.transitions
         self.n_modes_ = found.automaton.n_modes
-        self.modes_ = given.by_rows(found.modes)
-        self.states_ = given.by_rows(found.states)
-        self.switch_times_ = found.switch_times
-        self.noise_ = found.noise
-        self.verdicts_ = found.verdicts
+        self.modes_, self.states_ = given.by_rows(found.modes), given.by_rows(found.states)
+        self.switch_times_, self.noise_ = found.switch_times, found.noise
+        self.verdicts_, self.refinement_ = found.verdicts, found.refinement
         self.mode_selection_ = list(found.candidates)
-        self.refinement_ = found.refinement
         self.coef_errors_ = found.errors.coef
         self.guard_errors_, self.reset_errors_ = found.errors.guards, found.errors.resets
         self.equation_noise_ = None if found.noises is None else found.noises.equation
         held = hold_sentences(found.automaton.feature_map.names_in, self.input_holds_, given)
-        self.report_ = AutomatonReport.of(
-            found, self.n_modes, self.max_modes, given.n_samples, held
-        )
+        asked = self.n_modes, self.max_modes
+        self.report_ = AutomatonReport.of(found, *asked, given.n_samples, held)
         if told := untold_switches(found):
             warnings.warn(told, GuardWarning, stacklevel=4)
 

@@ -84,9 +84,10 @@ class Alternation:
         self.modes = np.full(recordings.steps.shape, -1)
         self.last: StayIdentification | None = None  # the round before
         self.placed = known  # whose surface a round goes on from
-        self.of_part = known is not None
         if known is not None:
             self.noise = noise_of(known.reached, noise)
+            # tried in the part: a surface of many switches is not moved by one visit
+            self.settings = replace(self.settings, most_visits=0)
         if self._separates and known is not None:
             trust = settings.trust[settings.settled]
             self.prior = prior_of(known.model, known.reached, recordings, trust, settings)
@@ -157,16 +158,10 @@ class Alternation:
             self._keep(*estimated, 0, len(self.settings.prices) - 1)
 
     def _visited(self) -> bool:
-        """Try brief visits beyond a surface, with and without; true if that is better.
-
-        Not of long recordings, where an answer to a part is known: a surface that rests on so many
-        switches is not moved by one of them, and each is tried with all recordings.
-        """
+        """Try brief visits beyond a surface, with and without; true if that is better."""
         best, settings = self.best, self.settings
         if best.estimate.guards is None:
             return self._retold()
-        if self.of_part:
-            return False
         noise = noise_of(best.reached, best.reached.noise)
         turns = Turns(best.estimate, noise, settings.beyond_slide)
         for changed, visits in (
