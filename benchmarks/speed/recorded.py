@@ -2,20 +2,25 @@
 
     python benchmarks/speed/recorded.py --beside FOLDER [--plants "contact" ...] [--samples 500]
                                         [--recordings 12] [--noise .01] [--seed 4401] [--auto]
-                                        [--automata] [--output FILE]
+                                        [--automata] [--shares] [--output FILE]
 
 FOLDER holds another commit (``git worktree add FOLDER f96a6f0``). Both commits identify the same
 recordings in turn, each in a process of its own with one thread and without parallel starts; this
 file is run by its path, so that each process imports the plants and the package of its folder.
 With ``--automata`` the plants are those of benchmarks.automata (``--recordings 8 --samples 400``).
+``--shares`` prints what the beam and the flow take of a fit instead: were they compiled and took no
+time at all, fits would take 1.3 to 1.4 times less (contact, two masses, predator), so that numba,
+which was to be worth two times, is no extra.
 Seconds are CPU seconds of the fit alone; a ratio is how many times as long the other one takes.
 """
 
 from __future__ import annotations
 
 import argparse
+import cProfile
 import json
 import os
+import pstats
 import subprocess
 import sys
 import time
@@ -28,6 +33,10 @@ HERE = Path(__file__).resolve().parents[2]
 def main(arguments: list[str] | None = None) -> None:
     """Measure both sides plant by plant and print a line for each."""
     options = parse(arguments)
+    if options.shares:
+        for plant in options.plants or _plants(automata=False):
+            print(f"{plant:28} {shares(plant, options)}", flush=True)
+        return
     if options.plant:
         print(json.dumps((automaton if options.automata else measured)(options)))
         return
@@ -60,6 +69,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--noise", type=float, default=0.01, help="part of the spread of a state")
     parser.add_argument("--seed", type=int, default=4401, help="not one that was tuned on")
     parser.add_argument("--auto", action="store_true", help='n_modes="auto"')
+    parser.add_argument("--shares", action="store_true", help="of the beam and the flow")
     parser.add_argument("--automata", action="store_true", help="hybrid automata")
     parser.add_argument("--output", help="file of the results")
     return parser.parse_args(arguments)
@@ -86,6 +96,29 @@ def measured(options: argparse.Namespace) -> dict[str, float]:
         score = found.score(held_out.recordings())
     accuracy = mode_accuracy(campaign.modes, found.modes_)
     return {"seconds": seconds, "accuracy": float(accuracy), "score": float(score)}
+
+
+def shares(name: str, options: argparse.Namespace) -> str:
+    """What a compiler could save: the time of assigning modes and of flows, in a second fit."""
+    from benchmarks.trajectories.methods import identified
+    from benchmarks.trajectories.plants import PLANTS
+    from benchmarks.trajectories.recordings import Scenario, record
+
+    plant = PLANTS[name]
+    scenario = Scenario(options.noise, round(options.samples / plant.duration), options.recordings)
+    campaign, profile = record(plant, scenario, options.seed), cProfile.Profile()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        identified(plant, campaign, options.seed, None)
+        profile.runcall(identified, plant, campaign, options.seed, None)
+    functions = pstats.Stats(profile).stats  # calls, calls, own time, time with what it calls
+    whole = sum(one[2] for one in functions.values())
+    compiled = {("assign.py", "assign"), ("flow.py", "_steady"), ("flow.py", "switching")}
+    part = sum(
+        one[3] for (file, _, function), one in functions.items()
+        if (Path(file).name, function) in compiled
+    )  # fmt: skip
+    return f"{part / whole:.0%} of a fit, {whole / (whole - part):.2f} times less without"
 
 
 def automaton(options: argparse.Namespace) -> dict[str, float]:
