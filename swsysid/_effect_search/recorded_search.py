@@ -151,8 +151,8 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
     What was held out took no part in any choice: it judges each effect once, beside all others, and
     what it says for or against it adds to the evidence of the stretches that were searched. A
     disturbance helps a law along, which by itself may go astray: free rollouts are no worse, too.
-    It is worth telling beside what the declared law leaves, too. What acts once has been judged by
-    all samples. If the judgement is not strict, only what becomes surely worse refutes an effect.
+    The last one is worth telling beside what the declared law leaves, too. What acts once has been
+    judged by all samples. If the judgement is not strict, only what becomes surely worse refutes.
     """
     stretches, kept = outcome.search.stretches, list(outcome.findings)
     tried: list[tuple[Finding, Array, Array]] = []
@@ -167,7 +167,9 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
             judged, worth = fall(*both), fall(first, both[1]).share - fall(first, both[0]).share
             free = [Left(engine.left_of(fit, held_out), held_out.series) for fit in (less, last)]
             p_value = min(1.0, p_value * np.exp(-judged.nats))
-            is_better = worth >= SETTINGS.worth_telling if strict else judged.share > -judged.error
+            is_last = place == len(kept) - 1  # what it explains no other one would
+            least = SETTINGS.worth_telling if strict and is_last else -np.inf
+            is_better = judged.share > (0.0 if strict else -judged.error) and worth >= least
             is_better = is_better and not go_astray(free[0], free[1], significance)
             kept[place] = replace(kept[place], p_value=float(p_value))
         elif tried:  # what has been refuted since may have hidden it

@@ -137,8 +137,7 @@ def fitted(
         reached = _reached(estimate, noise, stretches.disturbance, is_near)
         left = _left(reached)
         own = np.sqrt(np.nanmean(np.square(left), axis=0))
-        # what leaves more than the mean does has diverged, and tells no noise
-        own = np.clip(own, SETTINGS.least_noise * spread, spread)
+        own = np.maximum(own, SETTINGS.least_noise * spread)
         estimate = reached.estimate
         if turn + 1 == turns or not np.isfinite(own).all():
             break
