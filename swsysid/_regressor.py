@@ -63,6 +63,8 @@ class SwitchingSystemRegressor(
     sparsity : None, "auto" or float, default=None
         ``"auto"`` removes insignificant terms from each equation; a number removes the
         coefficients below it in size (sequential thresholding).
+    known : Known or list of str, default=None
+        What is known of the laws before, which holds exactly; up to 40,000 rows.
     surface : classifier, default=None
         Classifier of the modes; None is ``PolynomialSurfaceClassifier()``.
     coupling : float or "auto", default="auto"
@@ -107,7 +109,6 @@ class SwitchingSystemRegressor(
         Weighted sum of the losses of the hard modes, in the user's units.
     history_ : list of IterationRecord
         The iterations of the winning start; of more than 40,000 rows, the passes over them.
-    n_modes_ : int
     stability_ : float
         Fraction of the starts that found the winner.
     guard_score_ : float
@@ -119,9 +120,8 @@ class SwitchingSystemRegressor(
         vector field is left over (wrong modes, a missing term).
     mode_selection_ : list of ModeCandidate
         The candidates of ``n_modes="auto"``, empty otherwise.
-    n_iter_ : int
+    n_modes_, n_iter_, n_features_in_ : int
     converged_ : bool
-    n_features_in_ : int
     feature_names_in_ : ndarray of str, if `X` has column names
     feature_names_out_ : ndarray of str
         Names of the features Phi.
@@ -154,6 +154,7 @@ class SwitchingSystemRegressor(
         loss="l1",
         coef_bound=None,
         sparsity=None,
+        known=None,
         surface=None,
         coupling="auto",
         init="auto",
@@ -173,6 +174,7 @@ class SwitchingSystemRegressor(
         self.loss = loss
         self.coef_bound = coef_bound
         self.sparsity = sparsity
+        self.known = known
         self.surface = surface
         self.coupling = coupling
         self.init = init
@@ -353,8 +355,6 @@ class SwitchingSystemRegressor(
             relaxation = get_relaxation(params.get("relaxation", self.relaxation))
             params = params | {"relaxation": relaxation}
         return super().set_params(**params)
-
-    # -- parts of fit ------------------------------------------------------------------------
 
     def _fit_features(self, rows: TrainingRows) -> FeatureMap:
         given = rows.in_memory

@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
 from swsysid._data.many_recordings import many_recordings
-from swsysid._known.known import check_known
+from swsysid._known.known import both_known, check_known
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
@@ -67,8 +67,9 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
     observed : sequence of str or int, default=None
         States that are measured. None means all; hidden states are refused with what to do.
     known : Known or list of str, default=None
-        What is known of the laws before: values, missing terms, bounds, ties between modes, linear
-        relations. It holds exactly, and `known_` says what the recordings would rather have.
+        What is known of the laws before, beside what `estimator` knows: values, missing terms,
+        bounds, ties between modes, linear relations. It holds exactly, and `known_` says what the
+        recordings would rather have.
     refine : bool, default=True
         Whole recordings are rolled out from one start. False ties every sample to the one before
         within 0.4 of the noise, and judges rollouts over stretches of some 30 samples: for chaotic
@@ -214,7 +215,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
             If a parameter or the data make no sense; the message says what to do.
         """
         order, estimator = check_order(self.order), check_estimator(self.estimator)
-        known = check_known(self.known)
+        known = both_known(check_known(estimator.known), check_known(self.known))
         many = many_recordings(x, self.n_jobs)
         if many is not None and any(one is not None for one in (t, groups, inputs)):
             raise ValueError("recordings have times and inputs; leave out t, groups and inputs.")
@@ -311,11 +312,14 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
     def _asked(self, given: Given, split: Split) -> Asked:
         order = check_order(self.order)
         estimator = seeded(check_estimator(self.estimator), self.random_state)
+        known = both_known(check_known(estimator.known), check_known(self.known))
 
         def fitted(rows, n_modes, whole, **options):
-            asked = clone(estimator).set_params(n_modes=n_modes, **options)
+            if "feature_library" in options:  # a rival, whose terms are others
+                options |= {"known": None}
+            asked = clone(estimator).set_params(**{"n_modes": n_modes, "known": known} | options)
             again = clone(self).set_params(
-                estimator=asked, refine=whole, input_hold=self.input_holds_, verbose=0
+                estimator=asked, known=None, refine=whole, input_hold=self.input_holds_, verbose=0
             )
             return again.fit(*given.data(rows))
 

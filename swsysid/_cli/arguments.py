@@ -209,6 +209,15 @@ def _add_model(add: Callable) -> None:
         metavar="auto|SIZE",
         help="leave out terms that are not needed (auto), or coefficients below a size",
     )
+    add(
+        "--known",
+        action="append",
+        default=[],
+        metavar="SENTENCE",
+        help='what is known of the laws, once for each sentence: "x\' = v", "v\'[x] = -9.81", '
+        '"v\'[v] <= 0", "v\' has no u", "v\'[u] same in all modes"; the answer says what the '
+        "recording would rather have",
+    )
     add("--surface-degree", type=int, default=1, metavar="D", help="of the surface (default: 1)")
     add(
         "--loss",

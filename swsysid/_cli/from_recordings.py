@@ -183,17 +183,18 @@ class _Identification:
     # -- fits ------------------------------------------------------------------------------
 
     def identified(
-        self, terms: Terms, n_modes: int | str, whole: bool, **options: str
+        self, terms: Terms, n_modes: int | str, whole: bool, **options: object
     ) -> TrajectoryIdentifier:
         """Laws, modes and surface of highest likelihood of all recordings.
 
         By rollouts over stretches, or with `whole` over whole ones; `options` are the regressor's.
         """
         library = terms.library(self.samples.X.shape[1])
+        options |= {"feature_library": library, "known": list(self.options.known) or None}
         with warnings.catch_warnings():
             # smoothing told of clipped samples already
             warnings.filterwarnings("ignore", message="samples stand at an end of the range")
-            return self._fitted(slice(None), n_modes, whole, feature_library=library, **options)
+            return self._fitted(slice(None), n_modes, whole, **options)
 
     def _fitted(
         self, rows: NDArray[np.bool_] | slice, n_modes: int | str, whole: bool, **options: object

@@ -175,7 +175,8 @@ def _terms(samples: Samples, split: Split, options: JobOptions) -> tuple[Terms, 
 def _regressor(
     terms: Terms, samples: Samples, options: JobOptions, n_modes: int | str
 ) -> SwitchingSystemRegressor:
-    return options.regressor(n_modes, feature_library=terms.library(samples.X.shape[1]))
+    library, known = terms.library(samples.X.shape[1]), list(options.known) or None
+    return options.regressor(n_modes, feature_library=library, known=known)
 
 
 def _fit_with_notes(

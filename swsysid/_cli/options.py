@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from swsysid._classifier import PolynomialSurfaceClassifier
@@ -20,6 +21,7 @@ class JobOptions:
     surface_degree: int = 1
     sparsity: str | float | None = None  # "auto" leaves out terms that are not needed
     loss: str = "l1"
+    known: Sequence[str] = ()  # sentences of `swsysid.Known`
     position: str = "auto"  # with order 2: "yes" and "no" let the law use the positions or not
     test_fraction: float = 0.3
     random_state: int = 0

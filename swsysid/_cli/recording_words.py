@@ -38,8 +38,9 @@ def recording_text(found: FromRecordings, samples: Samples, options: JobOptions)
     fewer = mode_doubts(n_modes, options.modes, 0)
     doubts = dict.fromkeys([*fewer, *found.identifier.report_.doubts])
     lines = [_left_over(found, samples, options), found.free.sentence(time_unit)]
+    known = [f"Known: {one}." for one in found.identifier.known_]
     held_out = free_of_held_out(found.verdict.free_of_held_out, time_unit)
-    return "\n".join([*lines, *held_out, *doubts, *_instants(found, samples)])
+    return "\n".join([*lines, *known, *held_out, *doubts, *_instants(found, samples)])
 
 
 def free_of_held_out(free: FreeRollouts | None, time_unit: str) -> list[str]:

@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._identification.settings import IdentificationSettings
+from swsysid._identification.within import KnownLaws, Rows, estimate_within
+from swsysid._known.region import Region
 from swsysid._losses import Loss
 from swsysid._noise import (
     LAPLACE_SCALE,
@@ -96,12 +98,16 @@ class SwitchingProblem:
     solver: str = "auto"
     # (n_modes, n_states, n_features_out) or None: coefficients that may differ from zero.
     support: NDArray[np.bool_] | None = None
+    known: KnownLaws | None = None
     settings: IdentificationSettings = IdentificationSettings()
 
     # -- the three steps -------------------------------------------------------------------
 
     def estimate(self, membership: Array, start: Array | None = None) -> Array:
         """Vector fields that minimise the loss for given memberships."""
+        if (region := self.region) is not None:
+            rows = Rows(self.features, self.targets, self.informative_weight)
+            return estimate_within(region, self.loss.name, rows, membership, self.support, start)
         # A one-hot membership separates the modes. Otherwise the program is one regression whose
         # design has the blocks lambda_ij Phi(x_i), n_modes * n_features_out columns in all.
         if (membership.max(axis=1) > 1.0 - 1e-9).all():
@@ -155,6 +161,11 @@ class SwitchingProblem:
         fitted = self._fit_surface(modes, modes)
         limit = (1.0 - self.settings.no_gain) * self.surface_cost(previous, modes)
         return fitted if self.surface_cost(fitted, modes) < limit else previous
+
+    @property
+    def region(self) -> Region | None:
+        """Vector fields that what is known allows; None for all."""
+        return None if self.known is None else self.known.region(self.n_modes)
 
     # -- what the steps decrease -----------------------------------------------------------
 

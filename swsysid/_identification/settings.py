@@ -164,6 +164,7 @@ class Parameters(Protocol):
     surface: Classifier | None
     coupling: float | str
     init: str | ArrayLike
+    known: object
     n_init: int | str
     max_modes: int
     max_iter: int

@@ -43,6 +43,8 @@ from swsysid._data.sources import (
 from swsysid._data.trajectories import group_labels
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
+from swsysid._identification.within import KnownLaws
+from swsysid._known.known import check_known
 from swsysid._losses import get_loss
 from swsysid._results import Array
 from swsysid._seeding.search import same_partition
@@ -153,15 +155,32 @@ def build_problem(
         scale=np.ones(targets.shape[1]),
         outlying=np.zeros(len(X), dtype=bool),
         coef_bound=estimator.coef_bound,
+        known=_known_laws(estimator, feature_map, targets.shape[1]),
         solver=estimator.solver,
         settings=estimator.settings,
     )
+
+
+def _known_laws(estimator: Parameters, feature_map: FeatureMap, n_states: int) -> KnownLaws | None:
+    known, names = check_known(estimator.known), tuple(feature_map.names_in[:n_states])
+    if known is None:
+        return None
+    if estimator.coef_bound is not None:
+        raise ValueError("known and coef_bound exclude each other; bound coefficients in known.")
+    laws = KnownLaws(known, names, tuple(map(str, feature_map.names_out)))
+    laws.region(2 if estimator.n_modes == "auto" else int(estimator.n_modes))  # refused at once
+    return laws
 
 
 def build_search(
     estimator: Parameters, rows: CanonicalRows, sample: Sample | None = None
 ) -> Search:
     """How to look for the answer on the canonical rows, of all data or of a sample of them."""
+    if check_known(estimator.known) is not None and not (sample is None or sample.is_everything):
+        raise ValueError(
+            f"known holds for up to {sample.n_rows:,} rows, those that are identified at once; "
+            "give fewer rows."
+        )
     return Search(estimator, _resolve_init(estimator, rows, sample), rows.arrays[2])
 
 

@@ -60,12 +60,12 @@ def sparse_support(
         rows = np.flatnonzero((modes == mode) & (problem.informative_weight > 0))
         if len(rows) == 0:
             continue
-        fit = _Refit(problem, rows)
+        fit = _Refit(problem, rows, mode)
         for state in range(coef.shape[1]):
             automatic = sparsity == "auto"
             choice = fit.significant(state) if automatic else fit.large(state, float(sparsity))
             support[mode, state] = choice
-    return support
+    return support if problem.region is None else problem.region.closed(support)
 
 
 def _middle(sizes: Array, weight: Array, n_left_out: int) -> Array:
@@ -80,9 +80,12 @@ def _middle(sizes: Array, weight: Array, n_left_out: int) -> Array:
 class _Refit:
     """Regressions of one velocity on some of the terms, on the rows of one mode."""
 
-    def __init__(self, problem: SwitchingProblem, rows):
+    def __init__(self, problem: SwitchingProblem, rows, mode: int):
         self.loss, self.solver, self.bound = problem.loss, problem.solver, problem.coef_bound
         self.design, self.targets = problem.features[rows], problem.targets[rows]
+        if problem.region is not None:  # what is known of the law is no choice
+            told, values = problem.region.fixed
+            self.targets = self.targets - self.design @ np.where(told, values, 0.0)[mode].T
         self.weight = problem.weight[rows]
 
     def coef(self, state: int, kept: NDArray[np.bool_]) -> Array:

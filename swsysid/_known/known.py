@@ -163,6 +163,11 @@ def check_known(known: object) -> Known | None:
     raise TypeError(f'known={shown(known)} must be a Known or sentences such as "x\' = v".')
 
 
+def both_known(one: Known | None, other: Known | None) -> Known | None:
+    """What either says."""
+    return one if other is None else other if one is None else one + other
+
+
 def _law(equation: object) -> str:
     if not isinstance(equation, str) or not equation:
         raise TypeError(f"equation={shown(equation)} must be the left side of a law, such as v'.")

@@ -125,6 +125,18 @@ class Region:
         apart = (self.lower > beside) | (self.upper < beside)
         return np.asarray(((self.matrix != 0.0) & ~told)[apart].any(axis=0))
 
+    def closed(self, support: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """A choice of terms, those that equalities join to a chosen one chosen as well."""
+        chosen = (support | self.told_apart) & ~self.fixed[0]
+        joined = ((self.matrix != 0.0) & ~self.fixed[0])[self.equal]
+        joined = joined[joined.sum(axis=(1, 2, 3)) > 1]
+        while True:
+            some = (joined & chosen).any(axis=(1, 2, 3))
+            more = chosen | joined[some].any(axis=0)
+            if (more == chosen).all():
+                return chosen | self.fixed[0] & (self.fixed[1] != 0.0)
+            chosen = more
+
     def sought(self, free: NDArray[np.bool_], possible: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Coefficients that are sought, of those `possible`, where without it these are `free`."""
         return ((self.related | self.told_apart) & possible | free) & ~self.fixed[0]

@@ -90,10 +90,7 @@ class ExactStart:
 
 
 class Search:
-    """One search; `told` is called now and then, to show that it goes on, `known` is a start.
-
-    `knowledge` is what the user knows of the laws.
-    """
+    """One search; `told` is called now and then, `known` is a start, `knowledge` is of the laws."""
 
     def __init__(
         self,
@@ -118,9 +115,9 @@ class Search:
 
     def without(self, left_out: frozenset[int], found: StayIdentification) -> Search:
         """One that begins with an answer, some sentences of what is known left out."""
+        options = self.settings, self.told, self.surfaces, found
         knowledge = replace(self.knowledge, left_out=left_out)
-        options = self.settings, self.told, self.surfaces, found, knowledge
-        return Search(self.estimator, self.given, self.order, None, *options)
+        return Search(self.estimator, self.given, self.order, None, *options, knowledge)
 
     def identified(self) -> StayIdentification:
         """The most likely laws, modes and surface."""
@@ -351,7 +348,9 @@ class Search:
         self, n_modes: object, base: Differentiated
     ) -> tuple[SwitchingSystemRegressor, NDArray[np.bool_]]:
         """The estimator fitted to derivatives, and which of its coefficients are sought."""
-        start = start_from(clone(self.estimator).set_params(n_modes=n_modes), base, self.names)
+        # known=None: a wrong tie would leave the start without modes
+        asked = clone(self.estimator).set_params(n_modes=n_modes, known=None)
+        start = start_from(asked, base, self.names)
         n_positions = self.given.n_channels if self.order == 2 else 0
         start.coef_, possible = law_of_positions(start, base, n_positions)
         self.knowledge.check(start, possible)

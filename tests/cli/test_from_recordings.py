@@ -146,3 +146,23 @@ def test_recorded_rows_and_what_they_tell_of_others():
         np.full(5, -1),
     )
     assert found.tolist() == [0, 1, 2, 9, -1]
+
+
+def test_what_is_known_holds_and_is_asked(tmp_path, capsys):
+    plant = StatedModel(None, [[0, 1], [-1, -0.2]], states=["x", "v"])
+    states = plant.simulate([1, 1], T).x + 0.02 * np.random.default_rng(0).standard_normal((240, 2))
+    path = tmp_path / "spring.csv"
+    rows = np.column_stack([T, states])
+    np.savetxt(path, rows, delimiter=",", header="t,x,v", comments="")
+    arguments = [str(path), "--time", "t", "--states", "x", "v", "--modes", "1", "--output"]
+    arguments += [str(tmp_path / "output"), "--known", "x' = v", "--known"]
+    text = text_of([*arguments, "v'[v] = -0.3"], capsys)
+    assert "x' = 1.000000 v" in text and "- 0.300000 v" in text
+    assert "Known: x' = v: not contradicted" in text
+    assert "Known: v'[v] = -0.3: the data would rather have v'[v] = -0.2" in text
+    for wrong, said in (
+        (["v'[u] = 1"], "the terms are 1, x, v"),
+        (["x' = x", "--automaton"], "goes"),
+    ):
+        assert main([*arguments, *wrong]) == 2
+        assert said in capsys.readouterr().err

@@ -51,6 +51,7 @@ def test_laws_are_as_known_and_closer_to_the_truth():
     assert (sure[:, 0] == 0.0).all() and sure[0, 1, 2] == pytest.approx(sure[1, 1, 2], rel=1e-9)
     assert (sure[:, 1, 1:] < free.coef_errors_[:, 1, 1:]).all()
     assert not any(one.questioned for one in found.known_)
+    assert found.verdict_.n_modes == 2  # whose rivals have other terms
 
 
 def test_it_is_the_answer_of_another_solver():
