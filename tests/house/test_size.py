@@ -16,39 +16,18 @@ import swsysid
 PACKAGE = Path(swsysid.__file__).parent
 SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
            for path in PACKAGE.rglob("*.py")}  # fmt: skip
-# Up to the next ten; `top` are the files beside the rooms. The command line asks what one law lacks
-# (`_cli`), laws of many steps are asked at once (`_data`), and the search says what is explained of
-# the error above the noise and lets what happened speak before it judges (`_effect_search`),
-# several times if it happened so often (`effects`, which say when; `_output_error`, which makes
-# laws with one effect more each). Automata are found from positions alone: where these turn, and
-# what an impact spoils (`_automaton_search`, with resets of a whole lagged state), beside rates
-# that nobody measures (`_stays`; `top`). The verdict on modes left the command line (`_cli`, 900
-# lines less) for a room of its own (`_verdict`), which judges automata too (`_automaton_search`)
-# and what was given as recordings once more (`_stays`), and says it in Python (`top`). All steps of
-# a rollout are worked at once, and least squares of rollouts, which `refinement` had for itself,
-# stand in `_stays`. What several laws imitate is no answer (`_automaton_search`); positions may
-# rest or leave their range (`_cli`); all samples tell what unseen ones leave open
-# (`_output_error`). Instants follow the residual (`effects`); of what nothing tells no interval is
-# said (`_effect_search`). Documents keep features of columns in turn (`_automaton`). Guards may
-# have several conditions, which are stated, followed, written and read, as is how a SpaceEx model
-# is run (`_automaton`, `_discrete_stays`); two of them are found (`_automaton_search/conditions`).
-# What inputs do between rows is said to identifiers and no longer to the command line alone (`top`;
-# `_cli`). Many recordings are worked where they are (`_data`), each condensed to what it says of
-# laws and surfaces, and errors of instants take a time that grows with their number (`_stays`).
-# What several laws imitate is no answer (`_automaton_search`); positions may rest or leave their
-# range (`_cli`); all samples tell what unseen ones leave open (`_output_error`), and refute what is
-# not worth telling (`_effect_search`). Guards may have several conditions, which are stated,
-# followed, written and read, as is how a SpaceEx model is run (`_automaton`, `_discrete_stays`);
-# two are found (`_automaton_search/conditions`). Verdicts compare over longer stretches where short
-# ones tell nothing, and say so (`_verdict`). What is known of laws is read, and is one set of
-# linear constraints (`_known`), which the one descent of recordings meets and whose sentences it
-# tests (`_stays`; `top`). Models are written for other tools (`exporting`): each kind of them says
-# itself in formulas (`_simulation`, `_automaton`, `_effect_model`, `refinement`; a method in `top`
-# and `_effect_search`); the command line works with saved ones (`_cli`). Many recordings are worked
-# where they are (`_data`), each condensed to what it says of laws and surfaces (`_stays`; `top`).
-# What is known of laws is read, and is one set of linear constraints (`_known`), which the one
-# descent of recordings meets and whose sentences it tests (`_stays`; `top`), and the convex
-# programs of rows, modes and equations joined (`_losses`, `_identification`).
+# Up to the next ten; `top` are the files beside the rooms. What grew of late, and for what:
+# - models are written for other tools (`exporting`); each kind of them says itself in formulas
+#   (`_simulation`, `_automaton`, `_effect_model`, `refinement`; a method in `top` and
+#   `_effect_search`), and the command line works with saved ones (`_cli`);
+# - what is known of laws is read and is one set of linear constraints (`_known`), which the descent
+#   of recordings meets and whose sentences it tests (`_stays`, `top`), and the convex programs of
+#   rows, their modes and equations joined (`_losses`, `_identification`);
+# - guards have several conditions (`_automaton`, with the settings of SpaceEx models;
+#   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
+# - many recordings are worked where they are (`_data`), each condensed to what it says of laws and
+#   surfaces (`_stays`, `top`), and what inputs do between rows is said to identifiers (`top`);
+# - verdicts lengthen their stretches where short ones tell nothing (`_verdict`).
 MOST_LINES = {
     "_automaton": 3290,
     "_automaton_search": 5240,
@@ -83,7 +62,7 @@ MOST_LINES = {
     "_verdict": 1720,
     "top": 3590,
 }
-MOST_FILES = 413  # four say verdicts that were the command line's; settings of SpaceEx, conditions
+MOST_FILES = 413  # a writer for each tool (`exporting`), and what is known (`_known`)
 MOST_SETTINGS = 517
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
