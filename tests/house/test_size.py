@@ -42,7 +42,7 @@ MOST_LINES = {
     "_effect_model": 2420,
     "_effect_search": 9060,
     "effects": 3950,
-    "exporting": 2700,
+    "exporting": 2710,
     "_free_rollouts": 860,
     "_identification": 2830,
     "_known": 1130,
