@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         Trajectory,
     )
     from swsysid._saving.files import Recording, load_model, save_model
+    from swsysid._tables.recordings import read_recordings
     from swsysid._trajectory_identifier import TrajectoryIdentifier
     from swsysid.diagnosis import EffectReport, EffectSearchCV
     from swsysid.relaxations import ExactRelaxation, MomentRelaxation, Relaxation, SimplexRelaxation
@@ -63,6 +64,7 @@ __all__ = [
     "TrajectoryIdentifier",
     "__version__",
     "load_model",
+    "read_recordings",
     "save_model",
     "solve_mip",
 ]
@@ -83,6 +85,7 @@ _HOMES = {
         "_results": "Assignment GuardWarning IdentificationWarning MisfitWarning SolverError "
         "Status Trajectory",
         "_saving.files": "Recording load_model save_model",
+        "_tables.recordings": "read_recordings",
         "_trajectory_identifier": "TrajectoryIdentifier",
         "diagnosis": "EffectReport EffectSearchCV",
         "relaxations": "ExactRelaxation MomentRelaxation Relaxation SimplexRelaxation",

@@ -319,7 +319,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
 
     def to_hybrid_system(self):
         """Laws, guards and resets as formulas; as `HybridAutomaton.to_hybrid_system`."""
-        return self._fitted.to_hybrid_system()
+        return self._fitted.to_hybrid_system().noted(self.report_)
 
     def to_dict(self):
         """The automaton in types that JSON knows; as `HybridAutomaton.to_dict`."""

@@ -277,7 +277,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
 
     def to_hybrid_system(self):
         """Laws and surfaces as formulas; as `SwitchingSystemRegressor.to_hybrid_system`."""
-        return self._fitted.to_hybrid_system()
+        return self._fitted.to_hybrid_system().noted(self.report_)
 
     @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):

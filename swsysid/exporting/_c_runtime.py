@@ -6,7 +6,7 @@ The names that begin with ``NAME`` are replaced by that of the model.
 CONTINUOUS = r"""
 typedef struct {
     double t, entered, h;  /* time, when the mode was entered, the next step */
-    int mode;              /* NAME_label[mode] is the mode of the model */
+    int mode;              /* a slide is one of its own: see NAME_mode */
     double x[NAME_N];
     int armed[NAME_E];     /* guards that have been below zero since the mode was entered */
     double band[NAME_E];   /* what is zero within rounding */
@@ -126,6 +126,9 @@ static int NAME_settle(NAME_state *s, const NAME_inputs *in)
     return -1;
 }
 
+/* The mode of the model. */
+int NAME_mode(const NAME_state *s) { return NAME_label[s->mode]; }
+
 /* Starts at a state, in a mode of the model or, where that is negative, in the one that the state
    tells. Returns 0, or -1 where there is no such mode. */
 int NAME_begin(NAME_state *s, double t, const double *x, const double *u, int label)
@@ -228,6 +231,9 @@ typedef struct {
     double lately[NAME_E]; /* values of the guards a row before */
     int begun;
 } NAME_state;
+
+/* The mode of the model. */
+int NAME_mode(const NAME_state *s) { return NAME_label[s->mode]; }
 
 /* Starts at a state; the first row is 0. Returns 0, or -1 where there is no such mode. */
 int NAME_begin(NAME_state *s, const double *x, const double *u, int label)

@@ -159,6 +159,10 @@ class HybridSystem:
         """The edges out of a mode, with their numbers."""
         return [(place, one) for place, one in enumerate(self.edges) if one.source == mode]
 
+    def noted(self, report: object) -> HybridSystem:
+        """With a report in words, standard errors and all, for comments."""
+        return replace(self, notes=tuple(str(report).splitlines()))
+
     def known_by(self, extent: Extent | None) -> HybridSystem:
         """With the middle and the spread of the data as a start and as sizes of the states."""
         if extent is None:

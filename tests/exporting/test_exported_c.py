@@ -79,7 +79,7 @@ def test_maps(kind, tmp_path):
         compiled.library.model_row(state, array(row))
         # the time of a map comes first in its struct, the state after the mode
         x.append(compiled.library.seen_state(state)[0])
-        modes.append(compiled.library.seen_label(state))
+        modes.append(compiled.library.model_mode(state))
         compiled.library.model_step(state, array(row))
     np.testing.assert_allclose(np.array(x), wanted.x[:, 0], rtol=1e-13)
     np.testing.assert_array_equal(modes, wanted.modes)

@@ -187,5 +187,7 @@ def test_an_identifier_gives_what_its_estimator_gives():
     found = TrajectoryIdentifier(SwitchingSystemRegressor(random_state=0)).fit(
         [{"t": t, "x": run} for run in runs]
     )
-    assert found.to_hybrid_system() == found.estimator_.to_hybrid_system()
+    system = found.to_hybrid_system()
+    assert system == found.estimator_.to_hybrid_system().noted(found.report_)
+    assert any("(" in line and "x0'" in line for line in system.notes)  # laws with their errors
     assert isinstance(found.to_hybrid_system().laws[0][0], Expression)

@@ -10,7 +10,6 @@ import pytest
 # what a test has to see of a state whose struct it does not know
 _SEEN = """
 int seen_size(void) { return (int)sizeof(model_state); }
-int seen_label(const model_state *s) { return model_label[s->mode]; }
 int seen_mode(const model_state *s) { return s->mode; }
 double seen_time(const model_state *s) { return s->t; }
 const double *seen_state(const model_state *s) { return s->x; }
@@ -46,7 +45,7 @@ class CompiledModel:
         library, double = self.library, ctypes.c_double
         u = np.zeros((len(t), 1)) if inputs is None else np.asarray(inputs, dtype=float)
         s = self.begun(double(t[0]), array(x0), array(u[0]), label)
-        states, modes, events = [library.seen_state(s)[: len(x0)]], [library.seen_label(s)], []
+        states, modes, events = [library.seen_state(s)[: len(x0)]], [library.model_mode(s)], []
         for k in range(len(t) - 1):
             end = u[k + 1] if hold == "linear" else u[k]
             code = 1
@@ -58,7 +57,7 @@ class CompiledModel:
                     events.append((library.seen_time(s), library.seen_mode(s)))
             assert code == 0, (code, library.seen_time(s))
             states.append(library.seen_state(s)[: len(x0)])
-            modes.append(library.seen_label(s))
+            modes.append(library.model_mode(s))
         return np.array(states), np.array(modes), events
 
 

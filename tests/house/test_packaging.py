@@ -16,7 +16,8 @@ import swsysid
 ROOT = Path(__file__).parents[2]
 _IMPORTED_AS = {"scikit-learn": "sklearn"}
 # extras of users
-_OPTIONAL = ("plot", "excel", "parquet", "dask", "pysindy", "sympy", "control", "casadi")
+_OPTIONAL = ("plot", "excel", "parquet", "dask", "pysindy", "sympy", "control", "casadi",
+             "mdf", "tdms", "hdf5")  # fmt: skip
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 

@@ -1,0 +1,86 @@
+"""Files of loggers, written by the formats' own packages and read as recordings."""
+
+import gc
+import sys
+
+import numpy as np
+import pytest
+
+from swsysid import read_recordings
+
+FAST, SLOW = np.arange(0.0, 1.0, 0.1), np.arange(0.0, 1.0, 0.25) + 0.01
+X, U = FAST**2, np.array([0.0, 1.0, 1.0, 0.0])
+
+
+def _mdf(path):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(X, FAST, name="x", unit="m")])
+        file.append([asammdf.Signal(U, SLOW, name="u", unit="V")])
+        file.save(path, overwrite=True)
+
+
+def _tdms(path):
+    nptdms = pytest.importorskip("nptdms")
+    channels = [
+        nptdms.ChannelObject(
+            "log", name, values,
+            {"wf_increment": t[1] - t[0], "wf_start_offset": t[0], "unit_string": unit},
+        )
+        for name, values, t, unit in (("x", X, FAST, "m"), ("u", U, SLOW, "V"))
+    ]  # fmt: skip
+    with nptdms.TdmsWriter(path) as file:
+        file.write_segment(channels)
+
+
+def _hdf5(path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        for name, values, t, unit in (("x", X, FAST, "m"), ("u", U, SLOW, "V")):
+            group = file.create_group(f"group of {name}")
+            group["t"] = t
+            group[name] = values[None]  # as MATLAB writes a row
+            group[name].attrs["units"] = unit
+
+
+WRITERS = {"log.mf4": _mdf, "log.tdms": _tdms, "log.h5": _hdf5, "log.mat": _hdf5}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_channels_come_with_their_own_instants_and_units(name, tmp_path):
+    WRITERS[name](tmp_path / name)
+    runs = read_recordings(tmp_path / name, states=["x", "u"])
+    [run] = runs
+    x, u = run["x"].T
+    np.testing.assert_allclose(run["t"][np.isfinite(x)], FAST, atol=1e-15)
+    np.testing.assert_allclose(run["t"][np.isfinite(u)], SLOW, atol=1e-15)
+    np.testing.assert_array_equal(x[np.isfinite(x)], X)
+    np.testing.assert_array_equal(u[np.isfinite(u)], U)
+    assert [one.unit for one in runs.columns] == ["m", "V"]
+
+
+# asammdf's own finaliser fails on what it could not open
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("name", WRITERS)
+def test_files_that_are_cut_or_foreign_are_refused(name, tmp_path):
+    WRITERS[name](tmp_path / name)
+    content = (tmp_path / name).read_bytes()
+    for number, wrong in enumerate((content[: len(content) // 3], b"t,x\n0,1\n")):
+        path = tmp_path / f"{number}_{name}"
+        path.write_bytes(wrong)
+        with pytest.raises(ValueError, match=path.name):
+            read_recordings(path, states=["x"])
+        gc.collect()
+    with pytest.raises(ValueError, match=r"no column 'v'; its columns are: .*x \[m\]"):
+        read_recordings(tmp_path / name, states=["v"])
+
+
+@pytest.mark.parametrize(("name", "package", "words"), [
+    ("a.mf4", "asammdf", "swsysid\\[mdf\\]"), ("a.tdms", "nptdms", "swsysid\\[tdms\\]"),
+    ("a.h5", "h5py", "swsysid\\[hdf5\\]"),
+])  # fmt: skip
+def test_the_extra_that_is_missing_is_named(name, package, words, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / name).write_bytes(b"anything")
+    with pytest.raises(ValueError, match=words):
+        read_recordings(tmp_path / name, states=["x"])
