@@ -17,6 +17,8 @@ _TOKEN = re.compile(
     rf"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>{_NAME})"
     r"|(?P<sign>\*\*|[-+*/^()]))"
 )
+_JOINED = re.compile(r"(?:^|\s)and(?:\s|$)|&&?", re.IGNORECASE)
+_CHAIN = re.compile(r"(<=|>=|==|=|<|>)")
 _RELATION = re.compile(r"<=|>=|==|=|<|>")
 
 
@@ -59,13 +61,29 @@ def read_inequality(text: object, columns: Sequence[str], constants: Mapping[str
     relations = _RELATION.findall(text) if isinstance(text, str) else []
     if len(sides) != 2 or relations[0] in ("=", "=="):
         raise ValueError(
-            f"{shown(text)} is no condition; give one inequality between polynomials, such as "
-            "'x^2 + v >= 3'."
+            f"{shown(text)} is no condition; give inequalities between polynomials, such as "
+            "'x^2 + v >= 3', joined by 'and' where all must hold."
         )
     left, right = (read_polynomial(side, columns, constants) for side in sides)
     if "<" in relations[0]:
         left, right = right, left
     return nonzero(total(left, right, -1.0))
+
+
+def inequalities_in(text: str) -> list[str]:
+    """Single inequalities of those that are joined, or stand in a chain.
+
+    Examples
+    --------
+    >>> inequalities_in("0 <= x <= 1 and v > 2")
+    ['0 <= x', 'x <= 1', 'v > 2']
+    """
+    found = []
+    for part in _JOINED.split(text):
+        pieces = [piece.strip() for piece in _CHAIN.split(part)]
+        last = max(1, len(pieces) - 2)
+        found += [" ".join(pieces[place : place + 3]) for place in range(0, last, 2)]
+    return found
 
 
 class _Reader:

@@ -17,7 +17,11 @@ import numpy as np
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.parts import FirstModes
-from swsysid._automaton.polynomial_text import read_inequality, read_polynomial
+from swsysid._automaton.polynomial_text import (
+    inequalities_in,
+    read_inequality,
+    read_polynomial,
+)
 from swsysid._automaton.polynomials import Polynomial, follows, negative, rate, substituted
 from swsysid._automaton.spaceex import MEANING
 from swsysid._automaton.spaceex_network import (
@@ -33,7 +37,6 @@ from swsysid._checks.parameters import flag, shown
 from swsysid.exporting._text import identifiers
 
 _ASSIGNED = re.compile(r"(\w+)\s*('?)\s*(:=|==|=)\s*(.+)", re.DOTALL)
-_CHAIN = re.compile(r"(<=|>=|<|>)")
 _MOST_SIDES = 40  # conditions known of a place, at which no further case is told apart
 
 
@@ -210,7 +213,7 @@ class _Checks:
         for rates in self.rates:
             rates.update(dict.fromkeys(self._clocks, self._one))
         self.invariants = [
-            [self._positive(one) for part in location.invariant for one in _pairs(part)]
+            [self._positive(one) for part in location.invariant for one in inequalities_in(part)]
             for location in read.locations
         ]
         self.guards: list[list[Polynomial]] = []  # what must not be negative
@@ -241,7 +244,11 @@ class _Checks:
         A single one where the others hold as it rises to zero, and it goes no further or they hold
         there too; else all that do not follow from the others and the invariant.
         """
-        told = [one for part in edge.guard for one in _pairs(self._one_sided(part, edge.source))]
+        told = [
+            one
+            for part in edge.guard
+            for one in inequalities_in(self._one_sided(part, edge.source))
+        ]
         read, inside = [self._positive(one) for one in told], self.invariants[edge.source]
         for text, guard in zip(told, read, strict=True):
             known = [*self._rising(guard, edge.source), *inside]
@@ -357,11 +364,3 @@ def _covered(
             if len(known) < _MOST_SIDES and not any(follows(side, zero, known) for side in sides):
                 return all(_covered(guards, zero, [*known, side]) for side in sides)
     return False
-
-
-def _pairs(condition: str) -> list[str]:
-    """Single inequalities of a chain such as ``0 <= x <= 1``."""
-    parts = _CHAIN.split(condition)
-    if len(parts) <= 3:
-        return [condition]
-    return ["".join(parts[place : place + 3]) for place in range(0, len(parts) - 2, 2)]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from swsysid._automaton.columns import CLOCKS, lagged_names, other_names
-from swsysid._automaton.polynomial_text import Polynomial, read_inequality, read_polynomial
+from swsysid._automaton.polynomial_text import (
+    Polynomial,
+    inequalities_in,
+    read_inequality,
+    read_polynomial,
+)
 from swsysid._automaton.transitions import (
     AffineReset,
     Guard,
@@ -21,8 +25,6 @@ from swsysid._checks.arrays import numbers
 from swsysid._checks.parameters import names_of_columns, real, shown
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
-
-_JOINED = re.compile(r"\s+and\s+|&&?")
 
 Expression = str | float
 StatedLaws = Sequence[Mapping[str, Expression]] | ArrayLike
@@ -112,7 +114,7 @@ class Statement:
     def _guard(self, condition: str) -> Guard:
         """That of inequalities that are joined by ``and`` or ``&``."""
         columns, conditions = [*self.columns, *CLOCKS], []
-        parts = _JOINED.split(condition) if isinstance(condition, str) else [condition]
+        parts = inequalities_in(condition) if isinstance(condition, str) else [condition]
         for part in parts:
             told = read_inequality(part, columns, self.constants)
             powers = np.array(list(told), dtype=np.intp).reshape(len(told), len(columns))

@@ -13,7 +13,7 @@ condition must tell the ends of more stays than it has coefficients.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import comb
+from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,27 +48,34 @@ class Exits:
         reached = [rows[-1] for rows, mine in zip(self.stays, own, strict=True) if mine]
         return np.vstack(never), np.concatenate(ends), np.array(reached)
 
-    def nats(self, guard: Guard, target: int) -> float:
-        """What a guard leaves unsaid, and its coefficients, each of which may say as much.
-
-        A stay that it does not end where it ends, to a row, costs what an end at random does; of
-        stays that another transition ends, it is open which.
-        """
-        wrong, taken, random = 0, 0, float(np.log(np.mean([len(rows) for rows in self.stays])))
+    def missed(self, guard: Guard, target: int) -> tuple[int, int]:
+        """Stays that a guard ends elsewhere than to a row; those that another one ends there."""
+        wrong, taken = 0, 0
         for rows, by in zip(self.stays, self.targets, strict=True):
             risen, last = np.flatnonzero(holds(guard, rows)), len(rows) - 1
             first = int(risen[0]) if len(risen) else len(rows)
             wrong += not last - 1 <= first <= last if by == target else first < last
-            taken += first == last and by != target
-        exits = int(np.count_nonzero(self.targets >= 0))
+            taken += first == last and by not in (target, -1)
+        return wrong, taken
+
+    def nats(self, guard: Guard, target: int) -> float:
+        """What a guard leaves unsaid, and its coefficients, each of which may say as much.
+
+        An end that it does not tell costs what one at random does; of stays that another transition
+        ends, it is open which.
+        """
+        wrong, taken = self.missed(guard, target)
+        random = float(np.log(np.mean([len(rows) for rows in self.stays])))
         coefficients = sum(np.count_nonzero(one.coef) - 1 for one in guard.conditions)
-        return random * (wrong + coefficients) + of_exits(min(taken, exits), exits)
+        exits = int(np.count_nonzero(self.targets >= 0))
+        return random * (wrong + coefficients) + of_exits(taken, exits)
 
 
 def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> FoundGuard:
-    """The guard, or one of two conditions that leaves less unsaid."""
+    """The guard, or one of two conditions that leaves less unsaid, where it does not tell."""
     never, ends, reached = exits.rows(target)
-    if not holds(found.guard, never).any():
+    missed = sum(exits.missed(found.guard, target)) / len(exits.stays)
+    if missed <= 1.0 - SETTINGS.told_by_guard:
         return found
     best, least = found, exits.nats(found.guard, target) - _of_side(never) - SETTINGS.better
     left = _corner(never, reached)
@@ -119,7 +126,7 @@ def with_teller(found: FoundGuard, never: Array, reached: Array, degree: int) ->
 
 def of_exits(wrong: int, every: int) -> float:
     """Nats of which of all switches are the wrong ones."""
-    return float(np.log(comb(every, wrong)))
+    return lgamma(every + 1) - lgamma(wrong + 1) - lgamma(every - wrong + 1)
 
 
 def _of_side(columns: Array) -> float:

@@ -18,9 +18,9 @@ def command_parser() -> argparse.ArgumentParser:
     rollout.add_argument("--input", help="file with the times and the inputs")
     rollout.add_argument("--time", help="column of the times in it")
     rollout.add_argument("--hold", choices=("zero", "linear"), help="inputs between their samples")
-    rollout.add_argument("--until", type=float, help="end of the time, without inputs")
-    rollout.add_argument("--step", type=float, help="time between two rows")
-    rollout.add_argument("--mode", type=int, help="mode at the start, where modes have memory")
+    rollout.add_argument("--until", type=_positive, help="end of the time, without inputs")
+    rollout.add_argument("--step", type=_positive, help="time between two rows, without inputs")
+    rollout.add_argument("--mode", type=int, help="mode at the start, of an automaton")
     rollout.add_argument("--output", default="rollout.csv")
     at_rows = _command(add, "predict", "velocity and mode at the rows of a file")
     at_rows.add_argument("file")
@@ -41,4 +41,17 @@ def _command(
 
 
 def _numbers(text: str) -> list[float]:
-    return [float(one) for one in text.replace(",", " ").split()]
+    try:
+        return [float(one) for one in text.replace(",", " ").split()]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of numbers such as 1.5,0") from None
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no time above zero")
+    return value

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
@@ -56,13 +57,21 @@ def simulate(arguments: argparse.Namespace) -> str:
     names = _names(model)
     states, wanted = names[: len(x0)], names[len(x0) :]
     options: dict[str, object] = {} if arguments.mode is None else {"mode": arguments.mode}
+    if options and not isinstance(model, HybridAutomaton | HybridAutomatonRegressor):
+        raise TableError("the state tells the mode of this model; leave out --mode.")
     if arguments.input is None:
+        if wanted:
+            raise TableError(f"the model has the input {', '.join(wanted)}; give --input FILE.")
         if arguments.until is None:
             raise TableError("give --until T, or --input FILE with the times of the inputs.")
         step = arguments.step or arguments.until / 1000.0
         t, inputs = np.arange(0.0, arguments.until + 0.5 * step, step), None
     else:
+        if arguments.until or arguments.step:
+            raise TableError("the times are those of --input; leave out --until and --step.")
         t, inputs = _inputs(read_table(arguments.input), arguments.time, wanted)
+        if (np.diff(t) <= 0.0).any():
+            raise TableError(f"{arguments.input} goes back in time: give the rows of one run.")
         if arguments.hold is not None:
             options["input_hold"] = arguments.hold
     rollout: Callable[..., Trajectory] = model.simulate
@@ -81,7 +90,9 @@ def predict(arguments: argparse.Namespace) -> str:
             "before: use simulate."
         )
     table, names = read_table(arguments.file), _names(model)
-    X = table.numbers(names)
+    X: Array | pd.DataFrame = table.numbers(names)
+    if "feature_names_in_" in vars(model):
+        X = pd.DataFrame(X, columns=list(vars(model)["feature_names_in_"]))
     velocity = np.asarray(model.predict(X))
     velocity = velocity.reshape(len(X), -1)
     rates = [f"{name}'" for name in names[: velocity.shape[1]]]
@@ -140,7 +151,8 @@ def _names(model: BaseEstimator | HybridAutomaton) -> list[str]:
 
 def _inputs(table: Table, time: str | None, wanted: Sequence[str]) -> tuple[Array, Array | None]:
     """Times and inputs of a file: columns by the names of the model, or else in their order."""
-    clock = time or next((name for name in _CLOCKS if name in table.columns), None)
+    plain = {name.partition(" [")[0]: name for name in table.columns}
+    clock = time or next((plain[name] for name in _CLOCKS if name in plain), None)
     if clock is None:
         raise TableError(
             f"{table.source} has no column {' or '.join(_CLOCKS)}; name the time with --time. Its "

@@ -83,6 +83,15 @@ COARSE, EVEN = 0.2, 0.01
 FEWEST_REPEATS, EVEN_CLOCK = 3, 0.1
 
 
+def usual_step(steps: Array) -> float:
+    """The median of steps of time, those from one limit of an event to the other left out.
+
+    >>> usual_step(np.array([0.1, 1e-10, 0.1, 1e-10, 1e-10]))
+    0.1
+    """
+    return float(np.median(steps[steps > AT_ONCE * steps.max()]))
+
+
 def events_in(t: Array) -> NDArray[np.intp]:
     """Rows after which an event is: they and the next ones are its left and its right limit.
 

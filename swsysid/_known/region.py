@@ -94,7 +94,7 @@ class Region:
     @cached_property
     def fixed(self) -> tuple[NDArray[np.bool_], Array]:
         """Coefficients that rows tell one after the other, and their values."""
-        flat = self.matrix.reshape(len(self.matrix), -1)
+        flat = self.matrix.reshape(len(self.matrix), int(np.prod(self.names.shape)))
         told, values = np.zeros(flat.shape[1], dtype=bool), np.zeros(flat.shape[1])
         while True:
             left = (flat != 0.0) & ~told

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.recordings import Record
-from swsysid._data.trajectories import events_in
+from swsysid._data.trajectories import events_in, usual_step
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._stays.settings import LIMITS, StaySettings
@@ -68,7 +68,7 @@ class Recordings:
         linear there but stay what they are.
         """
         guess = [record.filled for record in records] if guess is None else guess
-        interval = float(np.median(np.concatenate([np.diff(record.t) for record in records])))
+        interval = usual_step(np.concatenate([np.diff(record.t) for record in records]))
         further = [np.zeros(0)] * len(records) if between is None else between
         parts = [
             _filled_in(*own, interval, held) for own in zip(records, guess, further, strict=True)

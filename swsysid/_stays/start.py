@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from sklearn.base import clone
 
+from swsysid._data.trajectories import usual_step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import Given
@@ -152,7 +153,7 @@ def _without_missing(values: Array) -> list[Array]:
 
 def _pieces(times: list[Array]) -> NDArray[np.intp]:
     """Stretches without a gap, numbered through all recordings."""
-    interval = np.median(np.concatenate([np.diff(t) for t in times]))
+    interval = usual_step(np.concatenate([np.diff(t) for t in times]))
     begins = [np.diff(t, prepend=-np.inf) > _GAP * interval for t in times]
     return np.cumsum(np.concatenate(begins)) - 1
 

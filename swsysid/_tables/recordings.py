@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NoReturn, TypedDict
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from swsysid._rendering.printing import text_table
@@ -24,8 +25,8 @@ class ReadRecording(TypedDict, total=False):
     """One run as `fit` takes it; inputs only where there are any."""
 
     t: Array
-    x: Array
-    inputs: Array
+    x: pd.DataFrame
+    inputs: pd.DataFrame
 
 
 @dataclass(frozen=True)
@@ -115,8 +116,8 @@ def read_recordings(
     Returns
     -------
     ReadRecordings
-        A list of dicts with ``t``, ``x`` and, where there are any, ``inputs``; as text a table of
-        what was read.
+        A list of dicts with ``t`` and, as data frames, ``x`` and, where there are any, ``inputs``;
+        as text a table of what was read.
 
     Raises
     ------
@@ -132,7 +133,7 @@ def read_recordings(
     >>> for run in (2, 10):
     ...     _ = (folder / f"run{run}.csv").write_text("t,x,u\n0,1,0\n0.5,2,1\n")
     >>> runs = read_recordings(folder / "run*.csv", states=["x"], inputs=["u"])
-    >>> len(runs), runs[0]["x"].ravel().tolist()
+    >>> len(runs), runs[0]["x"]["x"].tolist()
     (2, [1.0, 2.0])
     >>> print(str(runs).splitlines()[1])
       0 x                    2        2 run2.csv: x
@@ -240,14 +241,18 @@ def _run(
     t = clocks[0] if same else np.unique(np.concatenate(clocks))
     if not same:
         columns = [_placed(t, own, values) for own, values in zip(clocks, columns, strict=True)]
-    run = ReadRecording(t=t, x=np.column_stack(columns[: len(states)]))
+    x, u = (
+        pd.DataFrame(dict(zip(names, own, strict=True)), dtype=float)
+        for names, own in ((states, columns[: len(states)]), (inputs, columns[len(states) :]))
+    )
+    run = ReadRecording(t=t, x=x)
     if inputs:
-        run["inputs"] = np.column_stack(columns[len(states) :])
-        lost = np.isnan(run["inputs"]).any(axis=0)
-        if lost.any() and not same:
-            name = inputs[int(lost.argmax())]
+        run["inputs"] = u
+        missing = u.isna().to_numpy()
+        if missing.any() and not same:
+            name = inputs[int(missing.any(axis=0).argmax())]
             raise TableError(
-                f"the input {name!r} has no value at {int(np.isnan(run['inputs']).any(1).sum())} "
+                f"the input {name!r} has no value at {int(missing.any(axis=1).sum())} "
                 "of the times of other channels, and inputs are needed at every time; resample it "
                 "to all of them, as it is held."
             )

@@ -22,7 +22,9 @@ def _ramps(guard):
         ([0.0, 2.0], 1.0),  # both at once
     ],
 )
-@pytest.mark.parametrize("guard", ["x >= 1 & y <= 1", "y <= 1 and x >= 1", "x>=1&&y<=1"])
+@pytest.mark.parametrize(
+    "guard", ["x >= 1 & y <= 1", "y <= 1 and x >= 1", "x>=1&&y<=1", "1 <= x AND -9 <= y <= 1"]
+)
 def test_the_last_condition_tells_when(guard, start, time):
     run = _ramps(guard).simulate(start, [0.0, 5.0], mode=0)
     assert [one.time for one in run.events] == pytest.approx([time], abs=1e-12)

@@ -68,7 +68,7 @@ LAWS = [{"x": "v", "v": "-x"}, {"x": "v", "v": "-x - v"}]
         ({"feature_library": 2}, "laws given as text are polynomials and take no feature_library"),
         ({"transitions": [(0, 1)]}, "transitions[0]=(0, 1) must be a Transition or a tuple"),
         ({"transitions": [(0, 2, "x >= 1")]}, "transitions[0] leads from mode 0 to mode 2; the"),
-        ({"transitions": [(0, 1, "x = 1")]}, "'x = 1' is no condition; give one inequality"),
+        ({"transitions": [(0, 1, "x = 1")]}, "'x = 1' is no condition; give inequalities"),
         ({"transitions": [(0, 1, "x >= 1", {"y": "0"})]}, "transitions[0] resets 'y', which is no"),
         ({"transitions": [(0, 1, "x >= 1", {"x": "x v"})]}, "the reset of x in transitions[0] is"),
         ({"states": ["x", "time"]}, "'time' names a state or an input and something else too"),

@@ -43,6 +43,18 @@ def test_the_recordings_say_what_a_command_does_between_rows(hold):
         assert told.score(list(recordings(hold, seed=2))) < 0.98
 
 
+def test_a_command_that_moves_in_every_row_may_be_held():
+    """Each row has two limits then, and most steps of time are none."""
+    rng, t, data = np.random.default_rng(0), np.arange(0.0, 20.0, 0.1), []
+    for start in (15.0, 19.0):
+        u = 0.5 * np.sin(0.5 * t + start)[:, None]
+        x = HEATED.simulate([start], t, u, mode=0, input_hold="zero").x
+        data.append({"t": t, "x": x + NOISE * rng.standard_normal(x.shape), "inputs": u})
+    found = HybridAutomatonRegressor(2, random_state=0, input_hold="zero").fit(data)
+    off = np.abs(found.coef_[:, 0] - TRUE)
+    assert (off <= 3.5 * found.coef_errors_[:, 0]).all() and off.max() <= 0.15
+
+
 def test_in_discrete_time_every_row_acts():
     with pytest.raises(ValueError, match="input_hold is for continuous time"):
         HybridAutomatonRegressor(1, discrete_time=True, input_hold="zero").fit(np.eye(9)[:, :1])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor
-from swsysid._automaton_search.conditions import Exits
+from swsysid._automaton_search.conditions import Exits, of_exits
 from swsysid.results import PolynomialGuard
 
 TURN = (
@@ -116,7 +116,12 @@ def test_nats_of_ends_that_a_guard_leaves_unsaid():
              ([0.0, 0.3, 0.6, 1.0], [0.0, 1.2, 0.8, 1.1], [0.0, 0.3, 0.9, 1.3])]  # fmt: skip
     exits = Exits(stays, np.array([1, 1, 2]))
     # one coefficient beside the scale, one wrong end, and which of three exits is not its own
+    assert exits.missed(guard, 1) == (1, 1)
     assert exits.nats(guard, 1) == pytest.approx(np.log(4.0) * 2 + np.log(3.0), rel=1e-12)
+    # ways in which 1,500 of 3,000 switches are the wrong ones, by Stirling's formula
+    assert of_exits(1500, 3000) == pytest.approx(
+        3000 * np.log(2) - 0.5 * np.log(1500 * np.pi), 1e-6
+    )
     never, ends, reached = exits.rows(1)
     assert len(never) == 10 and ends.tolist() == [False] * 9 + [True]
     assert reached[:, 0].tolist() == [1.0, 1.1]

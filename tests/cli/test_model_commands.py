@@ -92,8 +92,15 @@ def test_show(folder, capsys):
 
 
 @pytest.mark.parametrize(("given", "words"), [
-    (["simulate", "model.json", "--x0", "1,0"], "give --until T, or --input FILE"),
+    (["simulate", "ball.json", "--x0", "1,0"], "give --until T, or --input FILE"),
     (["simulate", "model.json", "--x0", "1,0", "--input", "rows.csv"], "name the time with --time"),
+    (["simulate", "model.json", "--x0", "1,0", "--until", "2"], "the input u; give --input FILE"),
+    (["simulate", "model.json", "--x0", "1,0", "--input", "inputs.csv", "--mode", "1"],
+     "the state tells the mode of this model; leave out --mode"),
+    (["simulate", "model.json", "--x0", "1,0", "--input", "inputs.csv", "--step", "1"],
+     "the times are those of --input; leave out --until and --step"),
+    (["simulate", "model.json", "--x0", "1,0", "--input", "rows.csv", "--time", "x"],
+     "goes back in time: give the rows of one run"),
     (["predict", "ball.json", "rows.csv"], "use simulate"),
     (["predict", "model.json", "inputs.csv"], "has no column 'x'"),
     (["export", "nothing.json", "--to", "c", "--output", "a.c"], "nothing.json"),
@@ -104,6 +111,18 @@ def test_refusals_are_one_sentence(folder, given, words, monkeypatch, capsys):
     assert main(given) == 2
     told = capsys.readouterr().err
     assert words in told and told.startswith("swsysid: ") and told.count("\n") == 1
+
+
+@pytest.mark.parametrize(("option", "value", "words"), [
+    ("--x0", "a", "'a' is no list of numbers"), ("--until", "0", "'0' is no time above zero"),
+    ("--step", "-1", "'-1' is no time above zero"), ("--step", "nan", "is no time above zero"),
+])  # fmt: skip
+def test_numbers_that_are_none_are_refused_by_name(folder, option, value, words, capsys):
+    given = ["simulate", str(folder[0] / "ball.json"), "--x0", "1,0", f"{option}={value}"]
+    with pytest.raises(SystemExit):
+        main(given)
+    told = capsys.readouterr().err
+    assert words in told and option in told
 
 
 def test_files_are_read_as_before(folder):

@@ -161,7 +161,7 @@ def test_the_best_start_of_a_stretch_is_that_of_least_squares():
     values = np.random.default_rng(0).standard_normal(60)
     record = Record(np.arange(60.0), values[:, None], np.zeros((60, 0)))
     still = StatedModel(None, [[0.0]], states=["x"]).switching_model
-    stretches = Stretches.of([record], [np.zeros((60, 1)) + np.linspace(0, 1, 60)[:, None]])
+    stretches = Stretches.of([record], [np.zeros((60, 1)) + np.linspace(0, 1, 60)[:, None]], 30)
     found = stretches.left_by(still, np.ones(1))[:, 0]
     parts = values.reshape(-1, JUDGING.stretch)
     expected = parts.mean(axis=1, keepdims=True) - parts
@@ -172,7 +172,7 @@ def test_the_best_start_of_a_stretch_is_that_of_least_squares():
 def test_rollouts_of_the_truth_leave_its_noise_and_miss_no_switch():
     run = CONTACT.simulate(STARTS[0], T).x
     record = Record(T, np.where(np.arange(len(T))[:, None] % 7 == 3, np.nan, run), run[:, :0])
-    stretches = Stretches.of([record], [run + 0.05])
+    stretches = Stretches.of([record], [run + 0.05], 30)
     found = stretches.left_by(CONTACT.switching_model, np.full(2, NOISE))
     assert np.isnan(found).any(axis=1).sum() == sum(np.arange(len(T)) % 7 == 3)
     # a switch that is found a step late would leave 0.05 * 0.1 of v

@@ -36,6 +36,16 @@ def identified(given, known, n_modes=2, **options):
     return TrajectoryIdentifier(estimator, known=known).fit(given)
 
 
+@pytest.mark.parametrize("sentence", ["x' = 1.03 v", "x'[v] = 1.03"])
+def test_one_sentence_alone_may_be_wrong(sentence):
+    """A circle, told with its rate three per cent off: nothing is known without that sentence."""
+    rng = np.random.default_rng(0)
+    x = np.column_stack([np.cos(T), -np.sin(T)]) + 0.01 * rng.standard_normal((len(T), 2))
+    given = [{"t": T, "x": pd.DataFrame(x, columns=["x", "v"])}]
+    [check] = identified(given, [sentence], n_modes=1).known_
+    assert check.p_value < 1e-6 and "would rather have x'[v] = " in str(check)
+
+
 def test_laws_are_as_known_and_closer_to_the_truth():
     given = softer()
     free = identified(given, None)

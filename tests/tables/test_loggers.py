@@ -51,7 +51,7 @@ def test_channels_come_with_their_own_instants_and_units(name, tmp_path):
     WRITERS[name](tmp_path / name)
     runs = read_recordings(tmp_path / name, states=["x", "u"])
     [run] = runs
-    x, u = run["x"].T
+    x, u = run["x"].to_numpy().T
     np.testing.assert_allclose(run["t"][np.isfinite(x)], FAST, atol=1e-15)
     np.testing.assert_allclose(run["t"][np.isfinite(u)], SLOW, atol=1e-15)
     np.testing.assert_array_equal(x[np.isfinite(x)], X)

@@ -19,7 +19,7 @@ def test_files_of_a_pattern_are_runs_in_the_order_of_their_numbers(tmp_path):
     for number in (10, 2, 1):
         _write(tmp_path / f"run{number}.csv", t=T, x=T + number, u=-T)
     runs = read_recordings(tmp_path / "run*.csv", states=["x"], inputs=["u"])
-    assert [run["x"][0, 0] for run in runs] == [1.0, 2.0, 10.0]
+    assert [run["x"].loc[0, "x"] for run in runs] == [1.0, 2.0, 10.0]
     np.testing.assert_array_equal(runs[2]["inputs"], -T[:, None])
     assert [one.file for one in runs.columns[::2]] == ["run1.csv", "run2.csv", "run10.csv"]
     assert runs.columns[0].rate == pytest.approx(10.0)
@@ -31,8 +31,8 @@ def test_files_with_a_part_of_the_columns_are_channels_of_one_run(tmp_path):
     _write(tmp_path / "b.csv", time=T, u=np.sin(T))
     [run] = read_recordings([tmp_path / "a.csv", tmp_path / "b.csv"], states=["x"], inputs=["u"])
     np.testing.assert_array_equal(run["t"], T)
-    np.testing.assert_array_equal(run["x"][:, 0], T**2)
-    np.testing.assert_array_equal(run["inputs"][:, 0], np.sin(T))
+    np.testing.assert_array_equal(run["x"]["x"], T**2)
+    np.testing.assert_array_equal(run["inputs"]["u"], np.sin(T))
 
 
 def test_channels_keep_their_own_times(tmp_path):
@@ -41,7 +41,7 @@ def test_channels_keep_their_own_times(tmp_path):
     _write(tmp_path / "b.csv", t=slow, v=2 * slow)
     [run] = read_recordings([tmp_path / "a.csv", tmp_path / "b.csv"], states=["x", "v"])
     assert len(run["t"]) == 15 and (np.diff(run["t"]) > 0).all()
-    x, v = run["x"].T
+    x, v = run["x"].to_numpy().T
     np.testing.assert_array_equal(run["t"][np.isfinite(x)], T)
     np.testing.assert_array_equal(v[np.isfinite(v)], 2 * slow)
     assert not (np.isfinite(x) & np.isfinite(v)).any()  # nothing was interpolated
