@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
@@ -83,6 +82,8 @@ def simulate(arguments: argparse.Namespace) -> str:
 
 def predict(arguments: argparse.Namespace) -> str:
     """The velocity (next state) and the mode at each row of a file."""
+    from pandas import DataFrame
+
     model = load_model(arguments.model)
     if not isinstance(model, _Predicts):
         raise TableError(
@@ -90,9 +91,8 @@ def predict(arguments: argparse.Namespace) -> str:
             "before: use simulate."
         )
     table, names = read_table(arguments.file), _names(model)
-    X: Array | pd.DataFrame = table.numbers(names)
-    if "feature_names_in_" in vars(model):
-        X = pd.DataFrame(X, columns=list(vars(model)["feature_names_in_"]))
+    rows, known = table.numbers(names), vars(model).get("feature_names_in_")
+    X = rows if known is None else DataFrame(rows, columns=known)
     velocity = np.asarray(model.predict(X))
     velocity = velocity.reshape(len(X), -1)
     rates = [f"{name}'" for name in names[: velocity.shape[1]]]

@@ -7,15 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
-from typing import NoReturn, TypedDict
+from typing import TYPE_CHECKING, NoReturn, TypedDict
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from swsysid._rendering.printing import text_table
 from swsysid._tables.loggers import read_tables
 from swsysid._tables.table import Table, TableError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Array = NDArray[np.float64]
 _CLOCKS = ("t", "time", "t_s", "time_s", "Time", "timestamp")  # taken for the time if none is named
@@ -25,8 +27,8 @@ class ReadRecording(TypedDict, total=False):
     """One run as `fit` takes it; inputs only where there are any."""
 
     t: Array
-    x: pd.DataFrame
-    inputs: pd.DataFrame
+    x: DataFrame
+    inputs: DataFrame
 
 
 @dataclass(frozen=True)
@@ -215,6 +217,8 @@ def _run(
     time: str | None,
 ) -> tuple[ReadRecording, list[ReadColumn]]:
     """One run of one file, or of several with a part of its channels each."""
+    from pandas import DataFrame
+
     columns, clocks, told = [], [], []
     for name in (*states, *inputs):
         having = [table for table in tables if _has(table, name)]
@@ -242,7 +246,7 @@ def _run(
     if not same:
         columns = [_placed(t, own, values) for own, values in zip(clocks, columns, strict=True)]
     x, u = (
-        pd.DataFrame(dict(zip(names, own, strict=True)), dtype=float)
+        DataFrame(dict(zip(names, own, strict=True)), dtype=float)
         for names, own in ((states, columns[: len(states)]), (inputs, columns[len(states) :]))
     )
     run = ReadRecording(t=t, x=x)
