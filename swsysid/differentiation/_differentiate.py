@@ -276,7 +276,10 @@ def _takes_uneven(method: str | object) -> bool:
 
 def _noise(record: Record) -> Array:
     """Standard deviation of the noise in each column of a record."""
-    return noise_in([record.states[rows] for rows in record.stretches], record.quantum)
+    parts, times = (
+        [own[rows] for rows in record.stretches] for own in (record.states, record.times)
+    )
+    return noise_in(parts, record.quantum, times)
 
 
 def _strength(

@@ -24,6 +24,8 @@ _NOISE_ORDER = 6
 
 # Standard deviation of the differences of white noise of one unit.
 _GAIN = float(np.sqrt(comb(2 * _NOISE_ORDER, _NOISE_ORDER)))
+# Of the longest step of time, by how much even ones differ.
+_EVEN = 0.01
 # Standard deviation of an error that is anywhere in a quantum alike.
 _UNIFORM = 1.0 / np.sqrt(12.0)
 
@@ -99,20 +101,43 @@ def runs_in(rows: NDArray) -> Runs:
     return Runs(starts, np.diff(np.append(starts, len(rows))), np.cumsum(new) - 1)
 
 
-def noise_in(parts: Sequence[Array], quantum: Array) -> Array:
-    """Standard deviation of the noise of each column, at least that of rounding to the quantum."""
-    pooled = [np.concatenate(each) for each in zip(*map(sixth_differences, parts), strict=True)]
+def noise_in(parts: Sequence[Array], quantum: Array, times: Sequence[Array] | None = None) -> Array:
+    """Standard deviation of the noise of each column, at least that of rounding to the quantum.
+
+    Rows are as far apart as the times of each part are, or alike.
+    """
+    known = [None] * len(parts) if times is None else times
+    each_part = map(sixth_differences, parts, known)
+    pooled = [np.concatenate(each) for each in zip(*each_part, strict=True)]
     found = [_scale(each, step) for each, step in zip(pooled, quantum, strict=True)]
     return np.array(found)
 
 
-def sixth_differences(x: Array) -> list[Array]:
-    """Differences of each column that annihilate polynomials of degree five, where it moves."""
+def sixth_differences(x: Array, t: Array | None = None) -> list[Array]:
+    """Differences of each column that annihilate polynomials of degree five, where it moves.
+
+    White noise of one unit makes as much of them at uneven times as at even ones.
+    """
     order = _NOISE_ORDER
     if len(x) <= order:
         return [np.empty(0)] * x.shape[1]
-    moving = np.ptp(sliding_window_view(x, order + 1, axis=0), axis=2) > 0.0
-    return [each[some] for each, some in zip(np.diff(x, order, axis=0).T, moving.T, strict=True)]
+    windows = sliding_window_view(x, order + 1, axis=0)
+    moving = np.ptp(windows, axis=2) > 0.0
+    if t is None or np.ptp(np.diff(t)) <= _EVEN * np.diff(t).max():
+        differences = np.diff(x, order, axis=0)
+    else:
+        weights = _divided(sliding_window_view(t, order + 1))
+        differences = np.einsum("kcw,kw->kc", windows, weights)
+    return [each[some] for each, some in zip(differences.T, moving.T, strict=True)]
+
+
+def _divided(times: Array) -> Array:
+    """Weights of divided differences at windows of times, (n_windows, order + 1), scaled alike."""
+    weights = np.ones(times.shape)
+    for shift in range(1, times.shape[1]):
+        apart = times - np.roll(times, shift, axis=1)
+        weights /= apart / np.ptp(times, axis=1)[:, None]
+    return weights * (_GAIN / np.linalg.norm(weights, axis=1)[:, None])
 
 
 def _scale(differences: Array, quantum: float) -> float:

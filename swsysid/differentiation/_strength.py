@@ -125,7 +125,7 @@ def strongest(
     if len(candidates) < 2:
         return candidates[0]
     smoothers = [candidate.smoother for candidate in candidates]
-    noises = [noise_in([x], quantum) for x, _ in parts]
+    noises = [noise_in([x], quantum, [t]) for x, t in parts]
     totals = _Totals(len(smoothers), is_rounding(np.min(noises, axis=0), quantum))
     alike: dict[bytes, list[tuple]] = {}  # trajectories with the same times are worked as one
     for (x, t, rows), noise in zip(deciding_rows(parts), noises, strict=True):

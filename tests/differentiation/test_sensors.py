@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from swsysid import EffectSearchCV, IdentificationWarning, SwitchingSystemRegressor
-from swsysid.differentiation import differentiate, estimate_noise, inspect_sensors
+from swsysid.differentiation import (
+    choose_smoothing,
+    differentiate,
+    estimate_noise,
+    inspect_sensors,
+)
+from swsysid.differentiation._noise import sixth_differences
 from swsysid.effects import CoulombFriction
 
 QUANTUM = 0.003  # rad, of an encoder of 2048 lines or so
@@ -235,3 +241,28 @@ def test_wrong_choices_are_refused():
         differentiate(np.sin(t), t, clipped="fill")
     with pytest.raises(ValueError, match="rest='weigh' is unknown"):
         differentiate(np.sin(t), t, rest="weigh")
+
+
+@pytest.mark.parametrize("spacing", ["even", "drawn", "two rates"])
+def test_noise_is_told_at_uneven_times_too(spacing):
+    """Waves of a few periods with noise of .01, sampled 2,000 times."""
+    rng = np.random.default_rng(0)
+    t = {
+        "even": np.linspace(0.0, 8.0, 2000),
+        "drawn": np.sort(rng.uniform(0.0, 8.0, 2000)),
+        "two rates": np.cumsum(np.where(rng.random(2000) < 0.1, 0.02, 0.002)),
+    }[spacing]
+    x = np.column_stack([np.sin(3.0 * t), np.cos(2.0 * t)]) + 0.01 * rng.standard_normal((2000, 2))
+    # a median of 1994 differences, of which seven share each sample
+    assert choose_smoothing(x, t).noise == pytest.approx([0.01, 0.01], rel=0.15)
+
+
+def test_differences_at_uneven_times_leave_polynomials_of_degree_five_and_unit_noise():
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.uniform(0.1, 1.0, 4000))
+    smooth = np.polynomial.Polynomial([1.0, -2.0, 0.5, 3.0, -1.0, 0.7])(t / t[-1])
+    [left] = sixth_differences(smooth[:, None], t)
+    assert np.abs(left).max() < 1e-10 * np.abs(smooth).max()
+    [noise] = sixth_differences(rng.standard_normal((4000, 1)), t)
+    [even] = sixth_differences(rng.standard_normal((4000, 1)))
+    assert noise.std() == pytest.approx(even.std(), rel=0.05)

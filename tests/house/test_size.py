@@ -36,7 +36,7 @@ MOST_LINES = {
     "_cli": 3890,
     "_data": 2320,
     "datasets": 2530,
-    "differentiation": 1590,
+    "differentiation": 1620,
     "_discrete_stays": 2110,
     "_displays": 1590,
     "_effect_model": 2420,
