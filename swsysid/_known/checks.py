@@ -33,7 +33,7 @@ class KnownCheck:
         The coefficient, or combination of them, with which the data agree least.
     value, error : float
         What the data would rather have there, and its standard error; NaN and infinite where they
-        tell nothing.
+        tell nothing, NaN and zero where the other sentences say the same.
     questioned : bool
         True where the data contradict it: right knowledge is questioned in one fit of a hundred.
     """
@@ -48,6 +48,10 @@ class KnownCheck:
     def __str__(self) -> str:
         if not np.isfinite(self.error):
             return f"{self.sentence}: the data do not tell (nothing else would fit better)"
+        if np.isnan(self.value):
+            return (
+                f"{self.sentence}: follows from the other sentences, and is not asked beside them"
+            )
         told = f"{self.name} = {with_error(self.value, self.error)}"
         if self.questioned:
             return f"{self.sentence}: the data would rather have {told}, p = {self.p_value:.2g}"
@@ -136,7 +140,8 @@ class _Asked:
         variances = np.einsum("rk,kl,rl->r", forms, known, forms) * released.unit
         told = ~(forms[:, untold] != 0.0).any(axis=1) & (variances > 0.0)
         if not told.any():
-            return KnownCheck(sentence, 1.0, "", np.nan, np.inf, False)
+            follows = not (forms[:, untold] != 0.0).any()
+            return KnownCheck(sentence, 1.0, "", np.nan, 0.0 if follows else np.inf, False)
         errors = np.sqrt(np.where(told, variances, np.inf))
         values = np.einsum("rmsf,msf->r", rows, fit.coef + released.change)
         off = np.abs(values - values.clip(region.lower[own], region.upper[own]))

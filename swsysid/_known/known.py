@@ -85,7 +85,7 @@ class Known:
         Known.from_text(["x' = v", "v' has no u"])
         """
         listed = [sentences] if isinstance(sentences, str) else list(sentences)
-        return cls(tuple(map(read, listed)))
+        return cls()._and(*map(read, listed))
 
     def fix(self, equation: str, term: str, value: float) -> Known:
         """A coefficient is `value`; the other terms stay free."""
@@ -135,7 +135,7 @@ class Known:
         return Region.of(self.sentences, Names(equations, terms, n_modes), left_out)
 
     def _and(self, *sentences: Sentence) -> Known:
-        return Known((*self.sentences, *sentences))
+        return Known(tuple(dict.fromkeys((*self.sentences, *sentences))))  # each once
 
     def __add__(self, other: Known) -> Known:
         return self._and(*other.sentences)

@@ -45,7 +45,7 @@ MOST_LINES = {
     "exporting": 2710,
     "_free_rollouts": 860,
     "_identification": 2830,
-    "_known": 1130,
+    "_known": 1140,
     "_losses": 900,
     "metrics": 720,
     "_output_error": 2240,

@@ -46,6 +46,16 @@ def test_one_sentence_alone_may_be_wrong(sentence):
     assert check.p_value < 1e-6 and "would rather have x'[v] = " in str(check)
 
 
+def test_what_is_said_twice_is_asked_once():
+    rng = np.random.default_rng(0)
+    x = np.column_stack([np.cos(T), -np.sin(T)]) + 0.01 * rng.standard_normal((len(T), 2))
+    given = [{"t": T, "x": pd.DataFrame(x, columns=["x", "v"])}]
+    [check] = identified(given, ["x'[v] = 1.05", "x'[v]=1.05"], n_modes=1).known_
+    assert check.questioned and check.value == pytest.approx(1.0, abs=0.01)
+    other = identified(given, ["x' = v", "x'[v] = 1"], n_modes=1).known_[1]
+    assert "follows from the other sentences" in str(other) and not other.questioned
+
+
 def test_laws_are_as_known_and_closer_to_the_truth():
     given = softer()
     free = identified(given, None)
