@@ -216,7 +216,7 @@ def _add_model(add: Callable) -> None:
         metavar="SENTENCE",
         help='what is known of the laws, once for each sentence: "x\' = v", "v\'[x] = -9.81", '
         '"v\'[v] <= 0", "v\' has no u", "v\'[u] same in all modes"; the answer says what the '
-        "recording would rather have",
+        "recording would rather have, unless --quick",
     )
     add("--surface-degree", type=int, default=1, metavar="D", help="of the surface (default: 1)")
     add(
