@@ -104,10 +104,10 @@ def untold(verdicts: Sequence[TransitionVerdict]) -> str:
     if not listed:
         return ""
     return (
-        f"The switches {', '.join(listed)} happen where nothing in the recordings tells: a signal "
-        "that was not logged decides. The laws of the modes and the instants stand without it; to "
-        "predict, record the signal that triggers them and give it as an input, or raise "
-        "guard_degree."
+        f"The switches {', '.join(listed)} happen where no condition on what was recorded tells: a "
+        "signal that was not logged decides, or several conditions do. The laws of the modes and "
+        "the instants stand without it; to predict, record the signal that triggers them and give "
+        "it as an input, or raise guard_degree."
     )
 
 
