@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 
 from swsysid._checks.estimators import check_fitted
@@ -334,8 +333,8 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         recordings = found.estimate.nodes.recordings
         self.estimator_, self.n_modes_ = found.model, len(found.estimate.laws.coef)
         states = origin.states(recordings.joined(states_of(found.estimate)))
-        self.states_ = given.by_rows(_split(states, given))
-        self.modes_ = given.by_rows(_split(active_modes_of(found.estimate), given))
+        self.states_ = given.by_rows([states])
+        self.modes_ = given.by_rows([active_modes_of(found.estimate)])
         stays = found.estimate.nodes.stays
         self.switch_times_, self.switch_time_errors_ = pieces.switches(stays, sure.instants)
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
@@ -364,8 +363,3 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
     def _fitted(self) -> SwitchingSystemRegressor:
         check_fitted(self)
         return self.estimator_
-
-
-def _split(rows: NDArray, given: Given) -> list[NDArray]:
-    """Rows of each recording."""
-    return np.split(rows, np.cumsum([len(part) for part in given.rows])[:-1])

@@ -19,7 +19,7 @@ from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.parts import AutomatonParts
 from swsysid._automaton.polynomials import Polynomial, negative, nonzero, rate
 from swsysid._automaton.spaceex_network import NAMESPACE
-from swsysid._automaton.transitions import PolynomialGuard, Transition
+from swsysid._automaton.transitions import Transition
 from swsysid._checks.parameters import shown
 from swsysid._results import Array
 from swsysid.exporting._text import identifiers
@@ -57,9 +57,10 @@ def spaceex_model(automaton: AutomatonParts, component: str) -> bytes:
     for mode, law in enumerate(automaton.coef):
         location = ElementTree.SubElement(body, "location", id=str(mode + 1), name=f"mode{mode}")
         kept = [
-            f"{expression(one.guard.coef, one.guard.powers, columns)} <= 0"
+            f"{expression(guard.coef, guard.powers, columns)} <= 0"
             for one in transitions
-            if one.source == mode and isinstance(one.guard, PolynomialGuard)
+            for guard in one.guard.conditions
+            if one.source == mode and len(one.guard.conditions) == 1
         ]
         if kept:
             ElementTree.SubElement(location, "invariant").text = " & ".join(kept)
@@ -82,10 +83,10 @@ def _rising(one: Transition, law: Array, powers: NDArray[np.intp]) -> list[Polyn
 
     Of several conditions any may be the last to become true: they stand alone.
     """
-    if not isinstance(one.guard, PolynomialGuard):
-        return [_polynomial(each.coef, each.powers) for each in one.guard.conditions]
-    guard = _polynomial(one.guard.coef, one.guard.powers)
-    n_columns = one.guard.powers.shape[1]
+    guard, *others = (_polynomial(each.coef, each.powers) for each in one.guard.conditions)
+    if others:
+        return [guard, *others]
+    n_columns = one.guard.conditions[0].powers.shape[1]
     wide = np.pad(powers, ((0, 0), (0, n_columns - powers.shape[1])))
     laws = {state: _polynomial(row, wide) for state, row in enumerate(law)}
     clocks = range(n_columns - len(CLOCKS), n_columns)
@@ -121,7 +122,7 @@ def _add_transition(
     body: ElementTree.Element, one: Transition, guard: str, assigned: list[str]
 ) -> None:
     ends = {"source": str(one.source + 1), "target": str(one.target + 1)}
-    if not isinstance(one.guard, PolynomialGuard):
+    if len(one.guard.conditions) > 1:
         ends["asap"] = "true"
     element = ElementTree.SubElement(body, "transition", ends)
     ElementTree.SubElement(element, "guard").text = guard

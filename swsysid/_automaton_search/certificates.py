@@ -44,8 +44,8 @@ def certificate(guard: Guard, below: Array, last: Array, reached: Array) -> Cert
 
     Of several conditions the least one, each with the rows at which it does not hold.
     """
-    if isinstance(guard, PolynomialGuard):
-        return _of_condition(guard, below, last, reached)
+    if len(guard.conditions) == 1:
+        return _of_condition(guard.conditions[0], below, last, reached)
     each = []
     for one in guard.conditions:
         waits = one.values(last) < 0.0

@@ -13,6 +13,7 @@ condition must tell the ends of more stays than it has coefficients.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import lgamma
 
 import numpy as np
@@ -35,28 +36,34 @@ class Exits:
     The rows of a stay are those of its mode, and then the one at which it is left.
     """
 
-    stays: list[Array]  # (n_rows, n_columns) each
+    rows: Array  # (n_rows, n_columns), one stay after the other
+    lengths: NDArray[np.intp]  # (n_stays,): rows of each
     targets: NDArray[np.intp]  # (n_stays,)
 
-    def rows(self, target: int) -> tuple[Array, NDArray[np.bool_], Array]:
+    @cached_property
+    def last(self) -> NDArray[np.intp]:
+        """The last row of each stay."""
+        return np.cumsum(self.lengths) - 1
+
+    def sides(self, target: int) -> tuple[Array, NDArray[np.bool_], Array]:
         """Where a transition is not taken, which of these another one leaves; where it is taken."""
-        own = self.targets == target
-        never = [rows[:-1] if mine else rows for rows, mine in zip(self.stays, own, strict=True)]
-        ends = [np.zeros(len(rows), dtype=bool) for rows in never]
-        for end, by in zip(ends, self.targets, strict=True):
-            end[-1:] = by not in (target, -1)
-        reached = [rows[-1] for rows, mine in zip(self.stays, own, strict=True) if mine]
-        return np.vstack(never), np.concatenate(ends), np.array(reached)
+        taken, ends = np.zeros((2, len(self.rows)), dtype=bool)
+        taken[self.last[self.targets == target]] = True
+        ends[self.last[(self.targets != target) & (self.targets >= 0)]] = True
+        return self.rows[~taken], ends[~taken], self.rows[taken]
 
     def missed(self, guard: Guard, target: int) -> tuple[int, int]:
-        """Stays that a guard ends elsewhere than to a row; those that another one ends there."""
-        wrong, taken = 0, 0
-        for rows, by in zip(self.stays, self.targets, strict=True):
-            risen, last = np.flatnonzero(holds(guard, rows)), len(rows) - 1
-            first = int(risen[0]) if len(risen) else len(rows)
-            wrong += not last - 1 <= first <= last if by == target else first < last
-            taken += first == last and by not in (target, -1)
-        return wrong, taken
+        """How many stays a guard ends wrongly, and how many at the exit of another transition.
+
+        Wrong is an own stay not ended to a row, and another one ended before its last row.
+        """
+        places = np.arange(len(self.rows))
+        risen = np.where(holds(guard, self.rows), places, len(places))
+        first = np.minimum.reduceat(risen, self.last - self.lengths + 1)
+        own = self.targets == target
+        before, after = first < self.last - own, first > self.last
+        wrong, at_end = before | (own & after), (first == self.last) & ~own
+        return int(wrong.sum()), int((at_end & (self.targets >= 0)).sum())
 
     def nats(self, guard: Guard, target: int) -> float:
         """What a guard leaves unsaid, and its coefficients, each of which may say as much.
@@ -65,7 +72,7 @@ class Exits:
         ends, it is open which.
         """
         wrong, taken = self.missed(guard, target)
-        random = float(np.log(np.mean([len(rows) for rows in self.stays])))
+        random = float(np.log(self.lengths.mean()))
         coefficients = sum(np.count_nonzero(one.coef) - 1 for one in guard.conditions)
         exits = int(np.count_nonzero(self.targets >= 0))
         return random * (wrong + coefficients) + of_exits(taken, exits)
@@ -73,8 +80,10 @@ class Exits:
 
 def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> FoundGuard:
     """The guard, or one of two conditions that leaves less unsaid, where it does not tell."""
-    never, ends, reached = exits.rows(target)
-    missed = sum(exits.missed(found.guard, target)) / len(exits.stays)
+    if target not in exits.targets:  # no row of such a stay follows a law
+        return found
+    never, ends, reached = exits.sides(target)
+    missed = sum(exits.missed(found.guard, target)) / len(exits.targets)
     if missed <= 1.0 - SETTINGS.told_by_guard:
         return found
     best, least = found, exits.nats(found.guard, target) - _of_side(never) - SETTINGS.better
@@ -125,12 +134,12 @@ def with_teller(found: FoundGuard, never: Array, reached: Array, degree: int) ->
 
 
 def of_exits(wrong: int, every: int) -> float:
-    """Nats of which of all switches are the wrong ones."""
+    """Nats that it takes to say which of all switches are the wrong ones."""
     return lgamma(every + 1) - lgamma(wrong + 1) - lgamma(every - wrong + 1)
 
 
 def _of_side(columns: Array) -> float:
-    """Nats of which side of which column tells: by chance one of them tells a single switch."""
+    """Nats to say which side of which column tells: some side of some column tells any switch."""
     return float(np.log(2.0 * columns.shape[1]))
 
 
@@ -156,6 +165,6 @@ def holds(guard: Guard, rows: Array) -> NDArray[np.bool_]:
 
 
 def _scaled(guard: PolynomialGuard, rows: Array, reached: Array) -> Array:
-    """Values in units of what the guard is where it is taken; of rows not known, what is most."""
+    """Values in units of those where the guard is taken; infinite where its columns are unknown."""
     size = np.nanmean(np.abs(guard.values(reached)))
     return np.nan_to_num(guard.values(rows) / (size or 1.0), nan=np.inf)

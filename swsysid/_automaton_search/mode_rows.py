@@ -180,13 +180,16 @@ class ModeRows:
         """The stays in a mode, with the row at which each is left."""
         inside = (self.modes == mode) & ~self.stays.straddling
         number = np.cumsum(self._entered | self.stays.rows.begins)
-        left = {int(number[at - 1]): k for k, at in enumerate(self.taken.rows.tolist())}
-        stays, targets = [], []
-        for stay in np.unique(number[inside]).tolist():
-            rows, k = self.columns[inside & (number == stay)], left.get(stay)
-            stays.append(rows if k is None else np.vstack([rows, self.taken.given[k]]))
-            targets.append(-1 if k is None else self.taken.target[k])
-        return Exits(stays, np.array(targets, dtype=np.intp))
+        stays, lengths = np.unique(number[inside], return_counts=True)
+        left = np.isin(
+            number[self.taken.rows - 1], stays
+        )  # the others are of no row that is inside
+        which = np.searchsorted(stays, number[self.taken.rows - 1][left])
+        ends = np.cumsum(lengths)
+        rows = np.insert(self.columns[inside], ends[which], self.taken.given[left], axis=0)
+        targets = np.full(len(stays), -1, dtype=np.intp)
+        targets[which] = self.taken.target[left]
+        return Exits(rows, lengths + (targets >= 0), targets)
 
     def with_ends(
         self, found: Sequence[FoundTransition]

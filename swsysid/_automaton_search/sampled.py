@@ -198,9 +198,10 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
         if i < j and (j, i) in found:
             both = found[i, j], found[j, i]
             found[i, j], found[j, i] = _of_one_surface(rows, taken, both, degree)
+    exits = {source: rows.exits(source) for source, _ in pairs}
     for (source, target), one in found.items():
         if one.guard is not None and one.is_one:
-            guard = with_second(one.guard, rows.exits(source), target, degree)
+            guard = with_second(one.guard, exits[source], target, degree)
             found[source, target] = replace(one, guard=guard)
     return [one for one in found.values() if one.is_one]
 

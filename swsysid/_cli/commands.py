@@ -17,12 +17,11 @@ from swsysid._checks.estimators import column_names
 from swsysid._results import Array, Trajectory
 from swsysid._saving.files import Recording, load_model
 from swsysid._tables.readers import read_table
+from swsysid._tables.recordings import usual_clock
 from swsysid._tables.table import Table, TableError
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid._whole_or_nothing import write_text
 from swsysid.exporting import ToOtherTools
-
-_CLOCKS = ("t", "time", "t_s", "time_s")  # columns of inputs that are taken for the time
 
 
 @runtime_checkable
@@ -151,12 +150,11 @@ def _names(model: BaseEstimator | HybridAutomaton) -> list[str]:
 
 def _inputs(table: Table, time: str | None, wanted: Sequence[str]) -> tuple[Array, Array | None]:
     """Times and inputs of a file: columns by the names of the model, or else in their order."""
-    plain = {name.partition(" [")[0]: name for name in table.columns}
-    clock = time or next((plain[name] for name in _CLOCKS if name in plain), None)
+    clock = time or usual_clock(table)
     if clock is None:
         raise TableError(
-            f"{table.source} has no column {' or '.join(_CLOCKS)}; name the time with --time. Its "
-            f"columns are: {table.listing()}."
+            f"{table.source} has no column t or time; name the time with --time. Its columns are: "
+            f"{table.listing()}."
         )
     others = [name for name in table.columns if name != table.resolve(clock)]
     if not set(wanted) <= set(table.columns) and len(others) == len(wanted):

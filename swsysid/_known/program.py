@@ -102,7 +102,8 @@ class Steps:
 
     def inverse(self, matrix: Array) -> Array:
         """N (N' S N)^-1 N', the covariance of unknowns of which S is the information."""
-        N = self.in_units(_unit(matrix)).basis * _unit(matrix)[:, None]
+        unit = _unit(matrix)
+        N = self.in_units(unit).basis * unit[:, None]
         if not N.shape[1]:
             return np.zeros(matrix.shape)
         factor = cho_factor(N.T @ matrix @ N, lower=True)

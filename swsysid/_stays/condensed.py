@@ -93,7 +93,7 @@ class Shared:
         return Condensed(
             value, arrow.schur, arrow.schur @ corner + _HELD * corner,
             np.nansum(np.square(left), axis=(0, 1)), np.isfinite(left).sum(axis=(0, 1)),
-            given.by_rows(_split(active_modes_of(estimate), given)),
+            given.by_rows([active_modes_of(estimate)]),
             np.concatenate([one.instants for one in estimate.nodes.stays]),
         )  # fmt: skip
 
@@ -247,8 +247,3 @@ def length_of(number: int, recording: object) -> int:
 
 def _briefly(shared: Shared, number: int, recording: object) -> Condensed:
     return shared.condensed(number, recording).without_modes
-
-
-def _split(rows: NDArray, given: Given) -> list[NDArray]:
-    """Rows of each part of a recording."""
-    return np.split(rows, np.cumsum([len(part) for part in given.rows])[:-1])

@@ -270,14 +270,18 @@ def _placed(t: Array, own: Array, values: Array) -> Array:
     return placed
 
 
+def usual_clock(table: Table) -> str | None:
+    """The column that has a usual name of the time, if there is one."""
+    return next((name for name in _CLOCKS if _has(table, name)), None)
+
+
 def _clock(table: Table, time: str | None) -> str:
     if time is not None:
         if not _has(table, time):
             _refuse([table], time)
         return time
-    for name in _CLOCKS:
-        if _has(table, name):
-            return name
+    if (usual := usual_clock(table)) is not None:
+        return usual
     raise TableError(
         f"{table.source} has no column called t or time; name the one of the times. Its columns "
         f"are: {table.listing()}."

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor
-from swsysid._automaton_search.conditions import Exits, of_exits
+from swsysid._automaton_search.conditions import Exits, of_exits, with_second
+from swsysid._automaton_search.found import FoundGuard
 from swsysid.results import PolynomialGuard
 
 TURN = (
@@ -112,9 +113,9 @@ def test_exits_that_nothing_tells_apart_are_said():
 def test_nats_of_ends_that_a_guard_leaves_unsaid():
     """Three stays of four rows, by hand: one ends rightly, one too early, one for another mode."""
     guard = PolynomialGuard(np.array([1.0, -1.0]), np.array([[1, 0, 0], [0, 0, 0]]))  # x >= 1
-    stays = [np.column_stack([x, np.arange(4.0), np.arange(4.0)]) for x in
-             ([0.0, 0.3, 0.6, 1.0], [0.0, 1.2, 0.8, 1.1], [0.0, 0.3, 0.9, 1.3])]  # fmt: skip
-    exits = Exits(stays, np.array([1, 1, 2]))
+    x = [0.0, 0.3, 0.6, 1.0], [0.0, 1.2, 0.8, 1.1], [0.0, 0.3, 0.9, 1.3]
+    rows = np.column_stack([np.concatenate(x), np.tile(np.arange(4.0), 3), np.arange(12.0)])
+    exits = Exits(rows, np.array([4, 4, 4]), np.array([1, 1, 2]))
     # one coefficient beside the scale, one wrong end, and which of three exits is not its own
     assert exits.missed(guard, 1) == (1, 1)
     assert exits.nats(guard, 1) == pytest.approx(np.log(4.0) * 2 + np.log(3.0), rel=1e-12)
@@ -122,6 +123,18 @@ def test_nats_of_ends_that_a_guard_leaves_unsaid():
     assert of_exits(1500, 3000) == pytest.approx(
         3000 * np.log(2) - 0.5 * np.log(1500 * np.pi), 1e-6
     )
-    never, ends, reached = exits.rows(1)
+    never, ends, reached = exits.sides(1)
     assert len(never) == 10 and ends.tolist() == [False] * 9 + [True]
     assert reached[:, 0].tolist() == [1.0, 1.1]
+
+
+def test_a_transition_that_follows_no_row_keeps_its_guard():
+    """With lags a brief stay may have no row of its own: nothing tells a second condition then."""
+    guard = PolynomialGuard(np.array([1.0, -1.0]), np.array([[1, 0, 0], [0, 0, 0]]))
+    found = FoundGuard(guard, 1.0, np.zeros(3), np.array([0]))
+    rows = np.column_stack([np.arange(4.0), np.arange(4.0), np.arange(4.0)])
+    for stays in (
+        Exits(rows, np.array([4]), np.array([2])),
+        Exits(rows[:0], *np.zeros((2, 0), int)),
+    ):
+        assert with_second(found, stays, 1, 1) is found
