@@ -85,7 +85,7 @@ class Known:
         Known.from_text(["x' = v", "v' has no u"])
         """
         listed = [sentences] if isinstance(sentences, str) else list(sentences)
-        return cls()._and(*map(read, listed))
+        return cls(tuple(dict.fromkeys(map(read, listed))))
 
     def fix(self, equation: str, term: str, value: float) -> Known:
         """A coefficient is `value`; the other terms stay free."""
