@@ -26,6 +26,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx_gallery.gen_gallery",
     "sphinx_design",
+    "sphinx_llms_txt",
     # files beside this one
     "gallery",
     "reference",
@@ -72,6 +73,16 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": ["theme-version"],
 }
+
+# Markdown twins of the pages are their sources, which `llms.txt` lists for programs that read
+html_copy_source = True
+llms_txt_title = "swsysid"
+llms_txt_summary = (
+    "Identifies switching dynamical systems from measured data: the law of each mode, the mode of "
+    "each sample, the instants of the switches, and the surface, guards and resets between modes; "
+    "finds the effects that a declared model lacks."
+)
+llms_txt_full_max_size = None
 
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
 myst_heading_anchors = 3
