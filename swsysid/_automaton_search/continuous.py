@@ -36,7 +36,7 @@ from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.elsewhere import errors_elsewhere, guard_elsewhere, told_from
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.found import FoundTransition, Told
-from swsysid._automaton_search.guards import GuardTerms, missed_by
+from swsysid._automaton_search.guards import GuardTerms, share_risen
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.judged import (
     Guards,
@@ -271,15 +271,12 @@ def _shared_exits(
     found: list[Settled], stays: StayIdentification, origin: Origin, answer: Assembled
 ) -> Iterator[str]:
     """What is said of modes that are left two ways at one guard."""
-    recordings, laws = stays.estimate.nodes.recordings, stays.estimate.laws
+    interval, laws = stays.estimate.nodes.recordings.interval, stays.estimate.laws
     crossed = {one.pair: one.switches.before(laws) for one in found}
 
     def rises(one: FoundTransition, other: FoundTransition) -> float:
         assert one.guard is not None, "only guards are compared"
-        columns, rates = crossed[other.source, other.target]
-        missed = np.abs(missed_by(one.guard.guard, columns, rates))
-        near = missed <= SETTINGS.near * recordings.interval
-        return float(np.mean(near & one.guard.goes_with(columns)))
+        return share_risen(one.guard, *crossed[other.source, other.target], interval)
 
     return shared_exits(
         [one.transition for one in found],

@@ -117,6 +117,13 @@ def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
     return np.asarray(guard.values(columns) / _rises(guard, columns, rates)[1])
 
 
+def share_risen(guard: FoundGuard, columns: Array, rates: Array, interval: float) -> float:
+    """The part of some switches at which a guard rises, of those at which its columns are known."""
+    missed = missed_by(guard.guard, columns, rates)
+    rises = (np.abs(missed) <= SETTINGS.near * interval) & guard.goes_with(columns)
+    return float(rises.sum() / max(1, np.isfinite(missed).sum()))
+
+
 def known_rows(guard: PolynomialGuard, columns: Array) -> Array:
     """Rows at which the columns of a guard are known, in every set that stands side by side."""
     used = np.tile(guard.powers.any(axis=0), columns.shape[1] // guard.powers.shape[1])

@@ -13,9 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from swsysid._automaton_search.conditions import with_teller
-from swsysid._automaton_search.guards import GuardTerms, missed_by, surface_both_ways
+from swsysid._automaton_search.guards import GuardTerms, missed_by, share_risen, surface_both_ways
 from swsysid._automaton_search.instants import Known, Settled, settled
-from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
@@ -75,9 +74,7 @@ def _with_tellers(found: list[Settled], known: Known) -> list[Settled]:
         for other, (columns, rates) in zip(found, crossed, strict=True):
             exits = one.pair[0] == other.pair[0] and one.pair[1] != other.pair[1]
             if one.guard is not None and exits:
-                missed = missed_by(one.guard.guard, columns, rates)
-                missed = missed[np.isfinite(missed)]
-                if len(missed) and np.mean(np.abs(missed) <= SETTINGS.near * known.interval) > 0.5:
+                if share_risen(one.guard, columns, rates, known.interval) > 0.5:
                     never.append(columns)
         rows = np.vstack(never)
         guard = one.guard and with_teller(one.guard, rows, reached, known.terms.degree)

@@ -1,11 +1,14 @@
 """Guards of two conditions, in rows and in samples, and which exit of two is taken."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor
 from swsysid._automaton_search.conditions import Exits, of_exits, with_second
 from swsysid._automaton_search.found import FoundGuard
+from swsysid._automaton_search.guards import share_risen
 from swsysid.results import PolynomialGuard
 
 TURN = (
@@ -138,3 +141,17 @@ def test_a_transition_that_follows_no_row_keeps_its_guard():
         Exits(rows[:0], *np.zeros((2, 0), int)),
     ):
         assert with_second(found, stays, 1, 1) is found
+
+
+def test_the_share_of_switches_at_which_a_guard_rises():
+    """Of three switches whose clock is known x - 1 rises at one while c - 2 holds; one is far."""
+    level, clock = (
+        FoundGuard(PolynomialGuard(np.array([-own, 1.0]), powers), 0.0, np.zeros(3), np.arange(2))
+        for own, powers in ((1.0, np.array([[0, 0], [1, 0]])), (2.0, np.array([[0, 0], [0, 1]])))
+    )
+    columns = np.array([[1.0, 3.0], [1.0, 1.0], [5.0, 3.0]])
+    rates = np.ones(columns.shape)
+    assert share_risen(level, columns, rates, 0.1) == pytest.approx(2 / 3)
+    assert share_risen(replace(level, also=(clock,)), columns, rates, 0.1) == pytest.approx(1 / 3)
+    columns[0, 1], columns[1, 1] = np.nan, 2.0
+    assert share_risen(clock, columns, rates, 0.1) == pytest.approx(1 / 2)  # of two that are known
