@@ -231,8 +231,11 @@ class Effect(BaseEstimator):
     # -- how it reads ----------------------------------------------------------------------------
 
     def label(self, place: Place, names: Sequence[str]) -> str:
-        """How the place is called in a report."""
-        return str(names[int(place)]) if isinstance(place, (int, np.integer)) else str(place)
+        """How the place is called in a report; a channel named as the constant's, in brackets."""
+        if not isinstance(place, (int, np.integer)):
+            return str(place)
+        name = str(names[int(place)])
+        return f"({name})" if name == LEVEL else name
 
     def physical(self, theta: Mapping[str, float], coef: Mapping[str, float]) -> dict[str, float]:
         """Parameters as a physicist states them, from theta and the coefficients."""
@@ -268,6 +271,9 @@ class Effect(BaseEstimator):
     def describe(self, label: str, target: str) -> str:
         """What the effect means physically, in one sentence."""
         return self.meaning.format(channel=label, target=target)
+
+
+LEVEL = "level"  # the place of what is the same whatever the channels are
 
 
 def figure(value: float) -> str:

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, figure
+from swsysid.effects._base import LEVEL, SETTINGS, Effect, Parameter, Place, figure
 
 Rows = NDArray[np.intp]
 
-_LEVEL = 0.01  # of its size: a channel that moves by less is the level to a hundredth
+_CONSTANT = 0.01  # of its size: a channel that moves by less is the level to a hundredth
 
 
 class TimeInterval(Effect):
@@ -61,10 +61,10 @@ class TimeInterval(Effect):
 
     def places(self, records: Records) -> Sequence[Place]:
         """The level and every channel that is not all level, in each recording."""
-        channels: list[Place] = ["level"]
+        channels: list[Place] = [LEVEL]
         for one in (*records.states, *records.inputs):
             values = records.channel(one)
-            if values.std() > _LEVEL * np.abs(values).mean():
+            if values.std() > _CONSTANT * np.abs(values).mean():
                 channels.append(one)
         if len(records.trajectories) == 1:
             return channels
@@ -197,7 +197,7 @@ class TimeInterval(Effect):
 
     def proportional_to(self, place: Place) -> int | None:
         channel = place[0] if isinstance(place, tuple) else place
-        return None if channel == "level" else int(channel)
+        return None if channel == LEVEL else int(channel)
 
     def in_recording(self, place: Place, number: int) -> Place | None:
         if not isinstance(place, tuple):
@@ -211,13 +211,13 @@ class TimeInterval(Effect):
         return np.array(theta)
 
     def label(self, place: Place, names: Sequence[str]) -> str:
-        channel = self.proportional_to(place)
-        name = "level" if channel is None else str(names[channel])
-        return f"{name} in {place[1]}" if isinstance(place, tuple) else name
+        if isinstance(place, tuple):
+            return f"{super().label(place[0], names)} in {place[1]}"
+        return super().label(place, names)
 
     def describe(self, label: str, target: str) -> str:
-        of_level = label.startswith("level")
-        acts = f"something acts on {target}" if of_level else f"{label} acts on {target} otherwise"
+        alone = _of_level(label)
+        acts = f"something acts on {target}" if alone else f"{label} acts on {target} otherwise"
         if self.ends:
             return f"{acts} for some time: a lid that was opened, a load that came and went"
         return f"{acts} from an instant on: a fan started, a load came"
@@ -233,7 +233,7 @@ class TimeInterval(Effect):
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         spans = [" < t < ".join(map(figure, pair)) for pair in _pairs(theta)]
         during = " or ".join(spans) if self.ends else f"{spans[0]} < t"
-        return (f"[{during}]" if label.startswith("level") else f"{label} [{during}]",)
+        return (f"[{during}]" if _of_level(label) else f"{label} [{during}]",)
 
     def _acting(self, records: Records, place: Place) -> Rows:
         """Rows of the recording in which it acts."""
@@ -283,6 +283,11 @@ def _farthest(x: Array, y: Array, first: int, last: int) -> tuple[float, int, in
 def _pairs(theta: Sequence[float]) -> list[list[float]]:
     """Begin and end each time."""
     return [list(theta[k : k + 2]) for k in range(0, len(theta), 2)]
+
+
+def _of_level(label: str) -> bool:
+    """True if a label is of no channel."""
+    return label == LEVEL or label.startswith(f"{LEVEL} in recording ")
 
 
 def _name(number: int) -> str:

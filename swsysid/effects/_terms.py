@@ -14,7 +14,16 @@ from scipy.fft import next_fast_len, rfft
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Effect, Parameter, Place, figure, products, spread
+from swsysid.effects._base import (
+    LEVEL,
+    SETTINGS,
+    Effect,
+    Parameter,
+    Place,
+    figure,
+    products,
+    spread,
+)
 from swsysid.effects._characteristics import OfAChannel, OfRates
 from swsysid.effects._types import WithoutColumns
 
@@ -118,17 +127,17 @@ class Drift(Effect):
 
     def places(self, records: Records) -> Sequence[Place]:
         """The level, or a channel whose coefficient drifts."""
-        return ["level", *records.states, *records.inputs]
+        return [LEVEL, *records.states, *records.inputs]
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
-        return ("t",) if label == "level" else (f"t {label}",)
+        return ("t",) if label == LEVEL else (f"t {label}",)
 
     def proportional_to(self, place: Place) -> int | None:
-        return None if place == "level" else int(place)
+        return None if place == LEVEL else int(place)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         assert records.t is not None
-        values = 1.0 if place == "level" else records.channel(place)
+        values = 1.0 if place == LEVEL else records.channel(place)
         return (records.t * values)[:, None]
 
 

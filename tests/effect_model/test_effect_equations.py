@@ -156,6 +156,19 @@ def test_columns_as_terms_have_the_values_of_the_columns(effect, place, theta, t
     assert [evaluated(term) for term in terms] == pytest.approx(values, rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.parametrize("effect, theta", [(TimeInterval(), (2.5, 4.0)), (Drift(), ())])
+def test_a_channel_of_the_name_of_the_constant_is_told_apart(effect, theta):
+    """A tank whose level is logged as `level`, or as `level_m`."""
+    written = [
+        effect.column_names(effect.label(place, [name]), *theta)[0]
+        for name, place in (("level", "level"), ("level", 0), ("level_m", 0))
+    ]
+    constant = written[0].removeprefix("t")
+    of_channels = ["(level)", "level_m"]
+    assert written[0] in ("[2.5 < t < 4]", "t")
+    assert written[1:] == [f"{one} {constant}" if constant else f"t {one}" for one in of_channels]
+
+
 def test_every_effect_of_the_library_has_a_text():
     told = {effect.kind for effect, *_ in [*COLUMNS, *STATEMENTS]} | {ExtraMode.kind}
     shape = UnknownFunction((0, 1), ((0.0,), (1.0,), (2.0,)), of_product=True)
