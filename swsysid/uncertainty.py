@@ -28,21 +28,12 @@ from swsysid._surfaces.surface import fit_weighted, mode_book_of
 from swsysid._whole_or_nothing import failing_in_words
 from swsysid.relaxations._base import one_hot
 
+# Below this many resamples a percentile of the tails is no more than an extreme.
+_LEAST_RESAMPLES = 20
+_SAME = 1e-6  # relative difference of two losses that are the same ...
+_ROUNDING = 1e-9  # ... and rounding, relative to the loss of the velocities
+
 __all__ = ["BootstrapResult", "bootstrap"]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Numbers that hold for every system; users have the options of `bootstrap`."""
-
-    # below this many resamples a percentile of the tails is no more than an extreme
-    least_resamples: int = 20
-    # relative difference of two losses that are the same, and rounding relative to the velocities'
-    same: float = 1e-6
-    rounding: float = 1e-9
-
-
-SETTINGS = Settings()
 
 
 @dataclass(frozen=True, repr=False)
@@ -195,7 +186,7 @@ def bootstrap(
     [True, True]
     """
     fitted_system(estimator)
-    whole("n_resamples", n_resamples, least=SETTINGS.least_resamples, most=MOST_RESAMPLES)
+    whole("n_resamples", n_resamples, least=_LEAST_RESAMPLES, most=MOST_RESAMPLES)
     real("confidence", confidence, above=0, below=1)
     jobs(n_jobs)
     verbosity(verbose)
@@ -265,8 +256,8 @@ def _fitted_problem(estimator, X, y, groups):
     fields = fitted_system(estimator).velocities(X)[estimator.modes_, np.arange(len(X))]
     loss = get_loss(estimator.loss)
     found = float(loss.values(targets - fields).sum())
-    rounding = SETTINGS.rounding * float(loss.values(targets).sum())
-    if abs(found - estimator.objective_) > SETTINGS.same * estimator.objective_ + rounding:
+    rounding = _ROUNDING * float(loss.values(targets).sum())
+    if abs(found - estimator.objective_) > _SAME * estimator.objective_ + rounding:
         raise ValueError(
             "the laws have another loss on these samples than on those of the fit; give the very "
             "samples that the estimator was fitted to, without weights."

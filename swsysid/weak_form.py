@@ -23,7 +23,6 @@ is linear in the laws of all modes together. `weak_refit` solves this by least s
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -41,24 +40,16 @@ from swsysid._surfaces.surface import Surface, decisions_of
 from swsysid.differentiation import estimate_noise
 from swsysid.differentiation._record import measured_rows
 
+# Power of the bump (1 - s^2)^6: the least error of the sums over windows of 9 to 25 samples.
+_POWER = 6
+# Windows to choose from, each about 1.3 times the one before it.
+_WINDOWS = (9, 11, 13, 17, 21, 27, 35, 45, 59, 77, 101)
+# Share of noise in the targets that is small enough to ask for no longer window.
+_NOISE_SHARE = 0.1
+
 Model = TypeVar("Model", bound=FittedModel)
 
 __all__ = ["WeakForm", "weak_form", "weak_refit"]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Numbers that hold for every record; users choose the `window`."""
-
-    # of the bump (1 - s^2)^6: the least error of the sums over windows of 9 to 25 samples
-    power: int = 6
-    # to choose from, each about 1.3 times the one before it
-    windows: tuple[int, ...] = (9, 11, 13, 17, 21, 27, 35, 45, 59, 77, 101)
-    # of noise in the targets' spread that is small enough to ask for no longer window
-    noise_share: float = 0.1
-
-
-SETTINGS = Settings()
 
 
 class WeakForm(NamedTuple):
@@ -219,8 +210,8 @@ def _bumps(times: Array, window: int) -> tuple[sparse.csr_array, sparse.csr_arra
     reach = 0.5 * (inside[:, -1:] - inside[:, :1])
     s = (inside - centres[:, None]) / reach
     bump = np.maximum(1.0 - s**2, 0.0)
-    psi = share * bump**SETTINGS.power
-    slope = share * s * bump ** (SETTINGS.power - 1)
+    psi = share * bump**_POWER
+    slope = share * s * bump ** (_POWER - 1)
     # exact for constants and straight lines, whatever the times
     total = psi.sum(axis=1, keepdims=True)
     slope -= psi * slope.sum(axis=1, keepdims=True) / total
@@ -281,8 +272,8 @@ def _chosen_window(window: int | None, states: Array, times: Array, labels: NDAr
 
 def _automatic_window(states: Array, times: Array, labels: NDArray, parts: list[NDArray]) -> int:
     """The shortest window in whose targets noise is small, or that in which it is smallest."""
-    shortest, least = min(map(len, parts)), SETTINGS.windows[0]
-    windows = [w for w in SETTINGS.windows if w <= max(shortest // 3, least)]
+    shortest, least = min(map(len, parts)), _WINDOWS[0]
+    windows = [w for w in _WINDOWS if w <= max(shortest // 3, least)]
     noise, shares = estimate_noise(states, labels), []
     quiet = noise <= 0.0  # without noise there is none in the targets, however small they are
     for window in windows:
@@ -293,6 +284,6 @@ def _automatic_window(states: Array, times: Array, labels: NDArray, parts: list[
                 spread = np.maximum(spread, np.std(slopes @ states[rows], axis=0))
                 gain = max(gain, float(np.linalg.norm(slopes.data[:window])))
         shares.append(float(np.max(np.where(quiet, 0.0, noise * gain / (spread + quiet)))))
-        if shares[-1] <= SETTINGS.noise_share:
+        if shares[-1] <= _NOISE_SHARE:
             return window
     return windows[int(np.argmin(shares))]

@@ -25,11 +25,28 @@ from benchmarks.results import add_docs_options, keep, measured_here, place
 from benchmarks.sensitivity.tables import BASE, condensed, tables
 from benchmarks.undeclared.fresh import Drawn, run_drawn
 from swsysid._effect_search.settings import SETTINGS as SEARCH
-from swsysid.effects._base import SETTINGS as EFFECTS
+from swsysid.effects import (
+    _base,
+    _bristles,
+    _characteristics,
+    _guards,
+    _intervals,
+    _kinematics,
+    _memory,
+    _rates,
+    _sensors,
+    _shapes,
+    _switching,
+    _terms,
+)
 
 N_ROWS, N_TRAJECTORIES = 400, 4
 # Numbers that are tuples, or that only say how a result is written.
 LEFT_OUT = {"level", "step", "spanned"}
+NUMBER = (int, float)
+# Those of the effects are constants of the files that use them.
+FILES = (_base, _bristles, _characteristics, _guards, _intervals, _kinematics, _memory, _rates,
+         _sensors, _shapes, _switching, _terms)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -40,14 +57,16 @@ class Change:
     factor: float = 1.0
 
     @property
-    def settings(self) -> object:
-        """The object that has it."""
-        return SEARCH if hasattr(SEARCH, self.name) else EFFECTS
+    def holders(self) -> list[object]:
+        """Who has it: the settings of the search, or the files of the effects that use it."""
+        if hasattr(SEARCH, self.name):
+            return [SEARCH]
+        return [file for file in FILES if hasattr(file, self.name)]
 
     @property
     def value(self) -> float:
         """Its own value times the factor, or as far from one."""
-        own = getattr(self.settings, self.name)
+        own = getattr(self.holders[0], self.name)
         if isinstance(own, int):
             return max(1, round(own * self.factor))
         return 1.0 - (1.0 - own) * self.factor if 0.5 < own < 1.0 else own * self.factor
@@ -55,22 +74,28 @@ class Change:
     @contextmanager
     def made(self) -> Iterator[None]:
         """While it holds, in every room: they all have the same settings."""
-        own = getattr(self.settings, self.name)
-        object.__setattr__(self.settings, self.name, self.value)
+        own, value = getattr(self.holders[0], self.name), self.value
+        for holder in self.holders:
+            object.__setattr__(holder, self.name, value)
         try:
             yield
         finally:
-            object.__setattr__(self.settings, self.name, own)
+            for holder in self.holders:
+                object.__setattr__(holder, self.name, own)
 
 
 def constants() -> list[str]:
     """Names of the numbers that can be changed."""
-    return [
-        field.name
-        for settings in (SEARCH, EFFECTS)
-        for field in fields(settings)  # type: ignore[arg-type]
-        if isinstance(getattr(settings, field.name), (int, float)) and field.name not in LEFT_OUT
+    of_search = [
+        field.name for field in fields(SEARCH) if isinstance(getattr(SEARCH, field.name), NUMBER)
     ]
+    of_effects = [
+        name
+        for file in FILES
+        for name, value in vars(file).items()
+        if name.isupper() and isinstance(value, NUMBER)
+    ]
+    return [name for name in dict.fromkeys(of_search + of_effects) if name not in LEFT_OUT]
 
 
 def run_change(name: str, factor: float, numbers: list[int]) -> list[dict]:

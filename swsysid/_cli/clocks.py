@@ -18,7 +18,7 @@ from swsysid._data.trajectories import evened, trajectories
 from swsysid._rendering.printing import counted, ordinal
 from swsysid._results import Array
 from swsysid._tables.table import Table
-from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
+from swsysid.differentiation._smoothing import LARGEST_GAP
 
 Rows = NDArray[np.intp]
 
@@ -126,7 +126,7 @@ def between(values: Array, t: Array, parts: Sequence[Rows], held: bool) -> Array
     steps = np.concatenate([np.diff(t[rows]) for rows in known])
     if not len(steps):
         return filled
-    longest = DIFFERENTIATION.largest_gap * np.median(steps)
+    longest = LARGEST_GAP * np.median(steps)
     for rows, own in zip(parts, known, strict=True):
         asked = rows[np.isnan(values[rows]) & np.isfinite(t[rows])]
         if len(own) < 2 or not len(asked):

@@ -24,7 +24,7 @@ from swsysid._tables.table import Table, TableError
 from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import Terms
 from swsysid.diagnosis import EffectSearchCV
-from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
+from swsysid.differentiation._smoothing import LARGEST_GAP
 from swsysid.effects import Effect, all_effects, special_effects
 
 
@@ -170,7 +170,7 @@ def searched(
     if options.measurement.order == 2:
         # where a sensor stays at its end a filter says nothing
         assert t is not None
-        kept, groups = parted(t, groups, DIFFERENTIATION.largest_gap, FEWEST_SAMPLES)
+        kept, groups = parted(t, groups, LARGEST_GAP, FEWEST_SAMPLES)
         x, inputs, signals, t = x[kept], inputs[kept], signals[kept], t[kept]
     else:
         rows = recorded.of_samples()

@@ -25,7 +25,7 @@ from swsysid._stays.start import measured_noise
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.units import rate_unit
 from swsysid.differentiation import Smoothing, choose_smoothing, differentiate
-from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
+from swsysid.differentiation._smoothing import LARGEST_GAP
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -142,7 +142,7 @@ def _runs(table: Table, what: Measurement, numbers: Array, labels: NDArray | Non
     rows = np.flatnonzero(np.isfinite(numbers).any(axis=1))
     if not what.timed:
         return Runs(rows, np.zeros(len(rows), dtype=int) if labels is None else labels[rows], [])
-    gap = PREPARING.even_gap if what.method == "butterworth" else DIFFERENTIATION.largest_gap
+    gap = PREPARING.even_gap if what.method == "butterworth" else LARGEST_GAP
     times, cells = numbers[:, -1], numbers[:, :-1]
     return runs_of(times, cells, labels, rows, table.row, what.time or "time", gap)
 

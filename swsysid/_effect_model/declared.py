@@ -321,28 +321,3 @@ class SwitchingLaws(FittedLaws):
     def guard_equations(self, names: Sequence[str], precision: int, style: str) -> list[str]:
         model = self.switching.switching_model
         return model.surface_equations(precision, style, self.column_names(names))
-
-
-@dataclass(frozen=True)
-class ModelSettings:
-    """How a declared model and effects are fitted together."""
-
-    # -- the alternation of effects and laws: sharpenings of velocities that a filter has made, each
-    # from better modes; share of the rows whose mode may still change when it ends
-    sharpenings: int = 2
-    same_modes: float = 1e-3
-    turns_of_shapes: int = 200  # of a law whose rates an effect acts on, until they are the same
-    same_rates: float = 1e-6
-    most_sought: int = 12  # columns of an effect in the library while modes are sought anew
-    # -- modes of recordings: standard errors of the instant of a switch within which no mode is
-    # sure; samples to either side of a switch; nats that a switch must be worth; share of the rows
-    # of a fit whose modes a surface between modes that were told before may mistake
-    doubt: float = 3.0
-    most_doubtful: int = 10
-    price_of_a_switch: float = 8.0
-    disagreeing: float = 0.05
-    # -- rollouts: rows of a record that is there for the names of parameters alone
-    rows_for_names: int = 16
-
-
-SETTINGS = ModelSettings()

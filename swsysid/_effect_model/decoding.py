@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.jumps import jumps_of
 from swsysid._data.recordings import Record
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import SETTINGS as MODEL
 from swsysid._effect_model.declared import Added, FittedLaws, Modes
 from swsysid._noise import exact_below, robust_scale
 from swsysid._results import Array
@@ -27,6 +26,10 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import SETTINGS
 from swsysid.differentiation._noise import noise_in
+
+_DOUBT = 3.0  # standard errors of the instant of a switch within which no mode is sure, ...
+_MOST_DOUBTFUL = 10  # ... and samples to either side of it, at most
+_PRICE_OF_A_SWITCH = 8.0  # nats that it must be worth
 
 Rows = NDArray[np.intp]
 
@@ -108,11 +111,11 @@ def _sure(
         old, new = modes[rows[indices]], modes[rows[indices + 1]]
         difference = laws.velocities(new, x, u) - laws.velocities(old, x, u)
         seen = np.linalg.norm(difference / noise, axis=1)
-        delay = MODEL.doubt / np.maximum(seen, np.finfo(float).tiny)
+        delay = _DOUBT / np.maximum(seen, np.finfo(float).tiny)
         middle = 0.5 * (t[rows[indices]] + t[rows[indices + 1]])
         for instant, late, place in zip(middle, delay, indices, strict=True):
-            first = max(0, place + 1 - MODEL.most_doubtful)
-            nearby = rows[first : place + 1 + MODEL.most_doubtful]
+            first = max(0, place + 1 - _MOST_DOUBTFUL)
+            nearby = rows[first : place + 1 + _MOST_DOUBTFUL]
             sure[nearby[np.abs(t[nearby] - instant) <= late]] = False
             sure[rows[place : place + 2]] = False
     return sure
@@ -167,7 +170,7 @@ def modes_of_velocities(laws: FittedLaws, records: Records, targets: Array, adde
     velocities = np.einsum("jkf,nf->jnk", laws.coef, features) + added(records)
     errors = np.abs(targets - velocities)
     scale = np.maximum(robust_scale(errors.min(axis=0)), exact_below(targets))
-    limit = MODEL.price_of_a_switch
+    limit = _PRICE_OF_A_SWITCH
     cost = np.minimum(0.5 * np.square(errors / scale).sum(axis=2), limit).T
     cost = cost + limit * (laws.allowed(records.X) <= 0.0)
     rows, modes = np.concatenate(records.trajectories), np.zeros(len(records), dtype=np.intp)

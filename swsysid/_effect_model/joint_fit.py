@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import SETTINGS, Declared, FittedLaws, Modes
+from swsysid._effect_model.declared import Declared, FittedLaws, Modes
 from swsysid._effect_model.decoding import modes_of_velocities
 from swsysid._effect_model.models import laws_of
 from swsysid._effect_model.velocities import (
@@ -226,7 +226,8 @@ def fit_jointly(
     features, sharp = libraries(declared, whole, rows)
     if modes is None:
         sought = columns
-        if like is not None and max(part.shape[1] for part in columns) > SETTINGS.most_sought:
+        # more columns than these are not sought anew with the modes
+        if like is not None and max(part.shape[1] for part in columns) > 12:
             coef = _effect_coefficients(declared, features, terms, columns, targets, like)
             sought = [
                 (term.design(part, like, int(like.max()) + 1) @ values)[:, None]
@@ -250,7 +251,7 @@ def fit_jointly(
                 laws[order[mode]] -= own
         terms = tuple(term.renumbered(order) for term in terms)
         before, modes = order[modes], fitted.modes
-        if np.mean(before != modes) <= SETTINGS.same_modes:
+        if np.mean(before != modes) <= 1e-3:
             break
     coef = _effect_coefficients(declared, features, terms, columns, targets, modes)
     fit = JointFit(fitted.estimator, terms, tuple(coef), modes, fitted.doubts)
@@ -315,7 +316,7 @@ def with_decoded_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]
     redrawn = replace(fit, estimator=fit.laws.with_surface_between(X[sure], known[sure]))
     # Modes that were told by laws without an effect may be others than those that it leaves.
     own, others = (np.mean(one.surface_modes(records)[rows] != fit.modes) for one in (fit, redrawn))
-    return redrawn if others <= own + SETTINGS.disagreeing else fit
+    return redrawn if others <= own + 0.05 else fit
 
 
 def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swsysid._effect_model.declared import SETTINGS, SwitchingLaws
+from swsysid._effect_model.declared import SwitchingLaws
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_model.models import laws_of
 from swsysid._effect_model.simulation import n_signals
@@ -25,6 +25,8 @@ from swsysid._surfaces.surface import is_linear
 from swsysid.effects import PlacedEffect, StructureEffect, UnmeasuredDisturbance
 from swsysid.refinement import ParametricLibrary, StatedModel
 from swsysid.refinement._parameters import fitted_and_free
+
+_ROWS_FOR_NAMES = 16  # of a record that is there for the names of parameters alone
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ def _parts(fit: JointFit, place: int, names: Sequence[str]) -> Iterator[_Part]:
     label = term.label([*names])
     title = f"{names[term.target]}', {term.effect.kind.replace('_', ' ')} of {label}"
     # where it stands in the record says nothing about the names of what is nonlinear
-    known = np.linspace(-1.0, 1.0, SETTINGS.rows_for_names)
+    known = np.linspace(-1.0, 1.0, _ROWS_FOR_NAMES)
     X = np.tile(known[:, None], (1, len(names)))
     records = trajectory_records(X, fit.n_states, known, np.empty((len(X), 0)))
     theta = tuple(f"{title}: {name}" for name in term.effect.theta_names(records, term.place))

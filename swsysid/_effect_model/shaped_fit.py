@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import SETTINGS, Declared, Modes
+from swsysid._effect_model.declared import Declared, Modes
 from swsysid._effect_model.joint_fit import JointFit, fit_jointly
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect, RateEffect
 from swsysid.effects._placed import shaped
+
+_TURNS_OF_SHAPES = 200  # of a law whose rates an effect acts on, until they are the same
+_SAME_RATES = 1e-6  # relative to the largest
 
 
 def fit_with_shapes(
@@ -42,11 +45,11 @@ def fit_with_shapes(
     fit = fit_jointly(declared, plain, records, rows[told], wanted[told], start)
     modes = fit.predict_modes(records)[rows]
     said = _said(fit, records, rows, modes)
-    for _ in range(SETTINGS.turns_of_shapes):
+    for _ in range(_TURNS_OF_SHAPES):
         wanted = targets + said - shaped(shapes, said, X)
         fit = fit_jointly(declared, plain, records, rows, wanted, modes)
         before, modes, said = said, fit.modes, _said(fit, records, rows, fit.modes)
-        if np.abs(said - before).max() <= SETTINGS.same_rates * np.abs(said).max():
+        if np.abs(said - before).max() <= _SAME_RATES * np.abs(said).max():
             break
     coef = iter(fit.coef)
     own = tuple(np.zeros(0) if term in shapes else next(coef) for term in terms)

@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 
 from swsysid._checks.arrays import names_of
 from swsysid._data.records import Records
-from swsysid._effect_model.declared import SETTINGS, Declared, FittedDeclared, Modes
+from swsysid._effect_model.declared import Declared, FittedDeclared, Modes
 from swsysid._effect_model.models import laws_of
 from swsysid._noise import robust_regression
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 from swsysid.effects._kinematics import is_static
 from swsysid.effects._placed import late_records
+
+# Sharpenings of velocities that a filter has made, each from better modes.
+_SHARPENINGS = 2
 
 
 def fitted_alone(
@@ -37,7 +40,7 @@ def fitted_alone(
     blurred, sharp = libraries(declared, whole, rows)
 
     def sharpened(modes: Modes) -> FittedDeclared:
-        for _ in range(SETTINGS.sharpenings):
+        for _ in range(_SHARPENINGS):
             at_instants = sharpened_velocities(declared, targets, blurred, sharp, modes)
             fitted = declared.fitted(seen, at_instants, modes)
             if np.array_equal(fitted.modes, modes):

@@ -46,9 +46,8 @@ from swsysid._results import Array
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._stays.start import named
 from swsysid.differentiation import differentiate
-from swsysid.differentiation._settings import SETTINGS as DIFFERENTIATION
 from swsysid.differentiation._smoothing import local_polynomial
-from swsysid.differentiation._strength import Strength, strongest
+from swsysid.differentiation._strength import WINDOWS, Strength, strongest
 from swsysid.effects import StructureEffect
 
 
@@ -250,7 +249,7 @@ def _windows(rest: Array, records: Records, modes: Modes, stretches: list[Rows])
         for mode in np.unique(modes[modes >= 0])
     ]
     longest = _longest(of_modes)
-    lengths = [w for w in DIFFERENTIATION.windows if SETTINGS.shortest_window <= w <= longest]
+    lengths = [w for w in WINDOWS if SETTINGS.shortest_window <= w <= longest]
     candidates = [Strength(local_polynomial(w, SETTINGS.degree), window=w) for w in lengths]
     long = sorted(stays, key=len, reverse=True)
     enough = np.cumsum([len(stay) for stay in long]) >= SETTINGS.deciding_rows

@@ -35,8 +35,7 @@ from swsysid._effect_search.text import report_lines, summary
 from swsysid._effect_search.words import named, rate, title
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
-from swsysid._residual_report.samples import ResidualSamples
-from swsysid._residual_report.settings import SETTINGS
+from swsysid._residual_report.samples import FEWEST_ROWS, ResidualSamples
 from swsysid._results import Array
 from swsysid._simulation.model import laws_of_mode
 from swsysid._whole_or_nothing import write_text
@@ -368,7 +367,7 @@ def leftover(
 ) -> ResidualReport | None:
     """The residual report of a fit on the held-out rows, None if these are too few for one."""
     rows = split.held_out
-    if len(rows) < SETTINGS.fewest_rows:
+    if len(rows) < FEWEST_ROWS:
         return None
     # Where the states have told the modes, a surface that is a little off is no finding.
     modes = fit.predict_modes(records)

@@ -13,8 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._results import Array
+
+# Chance of a break in all samples together that are noise alone.
+SIGNIFICANCE = 1e-3
+# Variance that Page's test looks for: what a wrong rollout adds is as large as the noise.
+VARIANCE = 2.0
 
 # Squares of a sample count up to here: one outlier, or a sample on the wrong side of a jump,
 # is no break, which takes at least half a dozen.
@@ -22,7 +26,7 @@ _MOST_SQUARES = 9.0
 
 
 def first_breaks(
-    left: Sequence[Array], together: float = 1.0, variance: float = SETTINGS.variance
+    left: Sequence[Array], together: float = 1.0, variance: float = VARIANCE
 ) -> list[NDArray[np.intp]]:
     """Sample from which on each channel is no longer noise, -1 where it always is.
 
@@ -31,14 +35,14 @@ def first_breaks(
     `variance` is what the test looks for.
     """
     n_values = sum(int(np.isfinite(one).sum()) for one in left)
-    limit = np.log(max(1, n_values) / SETTINGS.significance)
+    limit = np.log(max(1, n_values) / SIGNIFICANCE)
     return [np.array([_first(one, limit * together, variance) for one in part.T]) for part in left]
 
 
 def leave_more(left: Sequence[Array], together: float, variance: float) -> bool:
     """Whether all samples of a channel together are no noise, if no stretch alone tells so."""
     gains = _gain(np.vstack(left), variance).sum(axis=0)
-    return bool((gains > -np.log(SETTINGS.significance) * together).any())
+    return bool((gains > -np.log(SIGNIFICANCE) * together).any())
 
 
 def _gain(left: Array, variance: float) -> Array:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._free_rollouts.breaks import first_breaks, leave_more
+from swsysid._free_rollouts.breaks import VARIANCE, first_breaks, leave_more
 from swsysid._free_rollouts.courses import (
     Course,
     Pairs,
@@ -18,9 +18,14 @@ from swsysid._free_rollouts.courses import (
     switches_of_rollout,
 )
 from swsysid._free_rollouts.sample_noise import SampleNoise
-from swsysid._free_rollouts.settings import SETTINGS
 from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
+
+# Of the spread of a channel: what a rollout may be off by whatever the noise. The errors of a
+# solver add up along a recording, unlike noise: 2e-4 in six impacts at a tolerance of 1e-5.
+_SIZE = 1e-3
+_ACCURACY = 1e-3  # part of the noise to which a rollout is integrated
+_MOST_SWITCHES = 100  # beside one a sample, after which a model chatters
 
 # The same of recordings that the model has not seen: there the standard errors of its laws, and
 # of where a rollout starts, add to the noise.
@@ -137,7 +142,7 @@ class FreeRollouts:
     def sentence(self, time_unit: str = "") -> str:
         """All of this in one line."""
         sizes = zip(self.channels, self.left, strict=True)
-        scale = 1.0 if self.in_noise else 100.0 * SETTINGS.size
+        scale = 1.0 if self.in_noise else 100.0 * _SIZE
         left = ", ".join(f"{name} {scale * size:.3g}" for name, size in sizes)
         left = f"leave: {left} {'of the noise' if self.in_noise else '% of the spread'}"
         if not np.isfinite(self.left).all():
@@ -229,10 +234,10 @@ def judged(
 ) -> FreeRollouts:
     """The same of rollouts that are made otherwise."""
     spread = np.nanstd(np.vstack([course.record.y for course in courses]), axis=0)
-    least = SETTINGS.size * spread
+    least = _SIZE * spread
     noise = replace(noise, least=least)
     done = [_RolledOut.of(runs, course, noise) for course in courses]
-    variance = _UNSEEN_VARIANCE if unseen else SETTINGS.variance
+    variance = _UNSEEN_VARIANCE if unseen else VARIANCE
     begins = first_breaks([one.left for one in done], together, variance)
     broken = [
         (one.broken(begin, channels), one, begin)
@@ -275,10 +280,10 @@ class ModelRuns:
         least, size = float(np.nanmin(noise)), float(np.abs(record.filled).max())
         options |= {
             "input_hold": self.input_hold,
-            "rtol": float(np.clip(SETTINGS.accuracy * least / (size or 1.0), 1e-10, 1e-6)),
-            "atol": SETTINGS.accuracy * least,
+            "rtol": float(np.clip(_ACCURACY * least / (size or 1.0), 1e-10, 1e-6)),
+            "atol": _ACCURACY * least,
             # a wrong model may chatter at its guards for ever
-            "max_switches": SETTINGS.most_switches + len(record.t),
+            "max_switches": _MOST_SWITCHES + len(record.t),
             # and one whose terms cancel has a field of rounding, which no step is short enough for
             "max_steps": _MOST_STEPS * (_FIRST_SAMPLES + len(record.t)),
         }

@@ -16,9 +16,14 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 from scipy.stats import chi2
 
-from swsysid._free_rollouts.settings import SETTINGS
+from swsysid._free_rollouts.breaks import SIGNIFICANCE, VARIANCE
 from swsysid._noise import robust_scale
 from swsysid._results import Array
+
+_FEWEST = 40  # samples of a set whose noise is compared with that of others
+_MOST_PARTS = 8  # sets of a channel's values
+# Part of the noise that differences of what is left must show: less is rounding.
+_SHOWN = 0.3
 
 _ERROR = 1.6  # standard error of the logarithm of a median size, times the root of their number
 
@@ -129,7 +134,7 @@ def _seen(noise: float, sizes: Array, values: Array, recording: NDArray[np.intp]
     known = np.isfinite(sizes) & np.isfinite(values)
     sizes, values, recording = sizes[known], values[known], recording[known]
     plain = ChannelNoise(noise)
-    if len(sizes) < 2 * SETTINGS.fewest or robust_scale(sizes) < SETTINGS.shown * noise:
+    if len(sizes) < 2 * _FEWEST or robust_scale(sizes) < _SHOWN * noise:
         return plain
     by_value = _Cells.of(sizes, _parts_by_size(values))
     by_recording = _Cells.of(sizes, recording)
@@ -144,7 +149,7 @@ def _seen(noise: float, sizes: Array, values: Array, recording: NDArray[np.intp]
 
 def _parts_by_size(values: Array) -> NDArray[np.intp]:
     """Number of the part of each sample, the values ordered by size."""
-    count = int(np.clip(len(values) // SETTINGS.fewest, 1, SETTINGS.most_parts))
+    count = int(np.clip(len(values) // _FEWEST, 1, _MOST_PARTS))
     edges = np.quantile(values, np.linspace(0.0, 1.0, count + 1)[1:-1])
     return np.searchsorted(edges, values)
 
@@ -160,7 +165,7 @@ class _Cells:
     @classmethod
     def of(cls, sizes: Array, parts: NDArray[np.intp]) -> _Cells:
         rows = [np.flatnonzero(parts == part) for part in np.unique(parts)]
-        rows = [one for one in rows if len(one) >= SETTINGS.fewest]
+        rows = [one for one in rows if len(one) >= _FEWEST]
         scale = np.array([float(robust_scale(sizes[one])) for one in rows])
         error = _ERROR / np.sqrt([len(one) for one in rows])
         return cls(rows, np.maximum(scale, 1e-3 * scale.max(initial=0.0)), error)
@@ -180,10 +185,10 @@ class _Cells:
 
     def _gain(self, scale: Array, freedom: int) -> float:
         """Squares that other scales explain beyond chance; 0 where they hardly differ."""
-        if len(scale) < 2 or (scale.max() / scale.min()) ** 2 < SETTINGS.variance:
+        if len(scale) < 2 or (scale.max() / scale.min()) ** 2 < VARIANCE:
             return 0.0
         gain = self._squares(self._usual()) - self._squares(scale)
-        return gain - float(chi2.isf(SETTINGS.significance, freedom))
+        return gain - float(chi2.isf(SIGNIFICANCE, freedom))
 
     def differs(self) -> float:
         """By how much more than chance the sets differ."""

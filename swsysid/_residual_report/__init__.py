@@ -6,5 +6,5 @@
 
 In reading order: `samples` (the residual, in order), `noise_floor` (how much of it is noise),
 `whiteness`, `channels` (what it may depend on), `dependence` (the tests), `findings` (of every
-equation and mode), and the report: `contents`, `report`, `display`. `settings` has the numbers.
+equation and mode), and the report: `contents`, `report`, `display`.
 """

@@ -8,8 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
+
+ROUNDING = 1e-12  # of a column: below it its changes are rounding
+
+_FEWEST_BINS = 4
+_MOST_BINS = 10  # of a channel: more are less powerful against smooth dependences
+_ROWS_A_BIN = 20
+_MOST_SIDES = 5  # a pair of columns is cut into at most so many cells each way
+_ROWS_A_LINE = 40  # of what is taken away: a line in each finer bin has two coefficients
+_MOST_LINES = 25
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,7 @@ class Channel:
             return (cells[:, :, None] * plane[:, None, :]).reshape(len(both), -1)
         known = np.flatnonzero(self.bins >= 0)
         coordinate = self.values[known]
-        n_bins = int(np.clip(len(known) // SETTINGS.rows_a_line, 1, SETTINGS.most_lines))
+        n_bins = int(np.clip(len(known) // _ROWS_A_LINE, 1, _MOST_LINES))
         order = np.argsort(coordinate, kind="stable")
         response = values[known][order] - values[known].mean()
         step = best_step(coordinate[order], response)[1]
@@ -65,12 +73,12 @@ def make_channel(name: str, values: Array, kind: str, quantiles: Array | None = 
     values = _equal_up_to_rounding(values)
     some = np.sort(values[known])
     distinct = np.unique(some)
-    if kind == "mode" or len(distinct) <= SETTINGS.fewest_bins:
+    if kind == "mode" or len(distinct) <= _FEWEST_BINS:
         edges = distinct[1:]
     else:
         if quantiles is None:
-            n_bins = len(some) // SETTINGS.rows_a_bin
-            n_bins = int(np.clip(n_bins, SETTINGS.fewest_bins, SETTINGS.most_bins))
+            n_bins = len(some) // _ROWS_A_BIN
+            n_bins = int(np.clip(n_bins, _FEWEST_BINS, _MOST_BINS))
             quantiles = np.arange(1, n_bins) / n_bins
         edges = np.unique(np.quantile(some, quantiles, method="closest_observation"))
     bins = np.where(known, np.searchsorted(edges, values, side="right"), -1)
@@ -88,7 +96,7 @@ def _equal_up_to_rounding(values: Array) -> Array:
     order = np.argsort(values, kind="stable")
     ascending = values[order]
     size = np.abs(values[np.isfinite(values)]).max(initial=0.0)
-    begins = np.diff(ascending, prepend=-np.inf) > SETTINGS.rounding * size
+    begins = np.diff(ascending, prepend=-np.inf) > ROUNDING * size
     begins |= ~np.isfinite(ascending)
     equal = np.empty_like(values)
     equal[order] = ascending[np.maximum.accumulate(np.where(begins, np.arange(len(values)), 0))]
@@ -97,8 +105,8 @@ def _equal_up_to_rounding(values: Array) -> Array:
 
 def make_pair(first: Channel, second: Channel) -> Channel:
     """Two columns together, cut into cells: what depends on both may depend on neither alone."""
-    n_sides = np.sqrt(len(first.values) / SETTINGS.rows_a_line)
-    n_sides = int(np.clip(n_sides, 2, SETTINGS.most_sides))
+    n_sides = np.sqrt(len(first.values) / _ROWS_A_LINE)
+    n_sides = int(np.clip(n_sides, 2, _MOST_SIDES))
     quantiles = np.arange(1, n_sides) / n_sides
     sides = [make_channel("", one.values, "", quantiles).bins for one in (first, second)]
     cells = np.unique(sides[0] * (n_sides + 1) + sides[1], return_inverse=True)[1]

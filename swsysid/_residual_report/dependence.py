@@ -23,9 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._noise import robust_scale
-from swsysid._residual_report.channels import Channel, between_shares, without
-from swsysid._residual_report.settings import SETTINGS
+from swsysid._residual_report.channels import ROUNDING, Channel, between_shares, without
 from swsysid._results import Array
+
+_MOST_REMOVED = 4  # dependences; what is left after them is seldom worth a name
+_STRONG = 0.2  # so strong a channel is gone before correlation in time is measured
 
 FEWEST_ROWS_OF_A_PIECE = 16  # of a spectrum
 _LONGEST_PIECE = 1000  # longer trajectories are cut, as Welch did
@@ -83,7 +85,7 @@ def examine(
     """
     values = _robust_clip(residual)
     spread = values.std()
-    constant = spread <= SETTINGS.rounding * np.abs(residual).max(initial=0.0)
+    constant = spread <= ROUNDING * np.abs(residual).max(initial=0.0)
     values = np.zeros_like(values) if constant else values / spread
     block = _block_length(_without_strong(rounds.channels, values), codes) if ordered else 1
     orders = rearrangements(len(values), block, n_permutations, rng)
@@ -114,7 +116,7 @@ def _without_strong(channels: Sequence[Channel], values: Array) -> Array:
     for _ in range(2 if channels else 0):
         chance = np.array([channel.n_bins - 1 for channel in channels]) / len(values)
         shares = between_shares(channels, left[None])[:, 0] - chance
-        if shares.max() < SETTINGS.strong:
+        if shares.max() < _STRONG:
             break
         left = without(channels[int(shares.argmax())].columns(left), left)
     return left
@@ -159,7 +161,7 @@ class _Tester:
         left, columns = values, [self.base]
         # Each test of the values that is significant still, beside the same test of what is left.
         found = self._significant(tests, tests)
-        for _ in range(SETTINGS.most_removed):
+        for _ in range(_MOST_REMOVED):
             if not found:
                 break
             best = max(found, key=lambda pair: pair[1].share)[0]
@@ -167,7 +169,7 @@ class _Tester:
             columns.append(best.source.columns(left))
             left = without(np.hstack(columns), values)
             others = [test for test, _ in found if test is not best]
-            if not others or left.var() <= SETTINGS.rounding * values.var():
+            if not others or left.var() <= ROUNDING * values.var():
                 break
             found = self._significant(others, self._again(others, left))
         return left

@@ -25,8 +25,13 @@ from swsysid._residual_report.dependence import (
     max_statistic,
 )
 from swsysid._residual_report.samples import ResidualSamples
-from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
+
+# Of the significance. Rearrangements share one correction (Westfall and Young); the two tests whose
+# distribution is known have Holm's (`whiteness`).
+WEIGHT_OF_REARRANGEMENTS = 0.8
+
+_MOST_PAIRS = 45  # all pairs of ten columns
 
 # Quantiles of the distance from the surface: bins are narrow where it is small.
 _NEAR_SURFACE = (0.02, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8)
@@ -160,7 +165,7 @@ def _rounds(samples: ResidualSamples, clock: Clock | None, n_lags: int) -> Round
         quantiles = np.array(_NEAR_SURFACE)
         spread = [make_channel("the switching surface", samples.nearness, "surface", quantiles)]
 
-    pairs = [make_pair(*both) for both in islice(combinations(columns, 2), SETTINGS.most_pairs)]
+    pairs = [make_pair(*both) for both in islice(combinations(columns, 2), _MOST_PAIRS)]
     codes, longest = samples.codes, int(np.bincount(samples.codes).max())
     lags = range(1, min(n_lags, longest // 4) + 1) if records.ordered else range(0)
 
@@ -196,7 +201,7 @@ def _linear_in_each_mode(samples: ResidualSamples) -> Array:
 def findings_of(cases: list[Case], significance: float) -> tuple[list[Finding], list[Peak]]:
     """All tests of all cases, their p-values corrected together, and those of the spectrum."""
     p_values = max_statistic(np.array([test.statistics for _, _, test in cases]))
-    p_values = np.minimum(1.0, p_values / SETTINGS.weight_of_rearrangements)
+    p_values = np.minimum(1.0, p_values / WEIGHT_OF_REARRANGEMENTS)
     findings, peaks = [], []
     for (equation, mode, test), p_value in zip(cases, p_values.tolist(), strict=True):
         significant, source = p_value <= significance, test.source

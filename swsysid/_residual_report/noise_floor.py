@@ -14,8 +14,11 @@ from swsysid._data.rows import spread_rows
 from swsysid._data.trajectories import trajectories
 from swsysid._noise import robust_scale
 from swsysid._residual_report.samples import ResidualSamples
-from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
+
+FEWEST_NEIGHBOURS = 10  # pairs or triples of rows behind one number of a trajectory
+
+_EXACT = 1e-9  # of the velocities: below it a residual is rounding
 
 _CLIP_OF_SIZE = 2.0  # of the size of noise: neighbours across a jump count little
 _N_NEIGHBOURS = 10  # points of the line that meets distance zero at the variance
@@ -148,7 +151,7 @@ def _clipped_size(values: Array) -> float:
 def _in_time(values: Array, groups) -> float:
     pieces = [np.diff(values[rows], 2) for _, rows in trajectories(groups)]
     second = np.concatenate(pieces) / np.sqrt(6.0)
-    return _clipped_size(second) if len(second) >= SETTINGS.fewest_neighbours else np.nan
+    return _clipped_size(second) if len(second) >= FEWEST_NEIGHBOURS else np.nan
 
 
 def _in_space(values: Array, X: Array) -> float:
@@ -183,7 +186,7 @@ def _size(samples: ResidualSamples, i: int, mode: object, rows: NDArray[np.intp]
     in_time = samples.codes if samples.records.ordered and mode is None else None
     floor = noise_floor(residual, samples.records.X[rows], in_time)
     rmse, scale = float(np.sqrt(np.square(residual).mean())), float(target.std())
-    smallest = SETTINGS.exact * (scale if scale > 0.0 else float(np.abs(target).max()))
+    smallest = _EXACT * (scale if scale > 0.0 else float(np.abs(target).max()))
     exact = rmse <= smallest
     size = _clipped_size(residual)
     known = np.isfinite(floor.value) and not exact

@@ -18,12 +18,18 @@ from swsysid._residual_report.contents import (
 )
 from swsysid._residual_report.dependence import FEWEST_ROWS_OF_A_PIECE, Clock
 from swsysid._residual_report.display import ResidualReportDisplay
-from swsysid._residual_report.findings import Case, examine_all, findings_of
+from swsysid._residual_report.findings import (
+    WEIGHT_OF_REARRANGEMENTS,
+    Case,
+    examine_all,
+    findings_of,
+)
 from swsysid._residual_report.noise_floor import sizes
 from swsysid._residual_report.samples import Predictor, ResidualSamples, collect
-from swsysid._residual_report.settings import SETTINGS
 from swsysid._residual_report.whiteness import biases, whiteness
 from swsysid._results import Array
+
+_MOST_PERMUTATIONS = 100_000  # more take hours and tell nothing further
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,8 +176,8 @@ def residual_report(
     real("significance", significance, above=0, below=1)
     whole("n_lags", n_lags)
     whole("window", window)
-    fewest = math.ceil(1.0 / (SETTINGS.weight_of_rearrangements * significance) - 1e-9) - 1
-    if whole("n_permutations", n_permutations, most=SETTINGS.most_permutations) < fewest:
+    fewest = math.ceil(1.0 / (WEIGHT_OF_REARRANGEMENTS * significance) - 1e-9) - 1
+    if whole("n_permutations", n_permutations, most=_MOST_PERMUTATIONS) < fewest:
         raise ValueError(
             f"n_permutations={n_permutations} cannot reach significance {significance:g}; use at "
             f"least {fewest}."

@@ -25,10 +25,13 @@ from swsysid._data.records import Records, make_records
 from swsysid._data.windows import Windows, stays_of
 from swsysid._pipelines import switching_step
 from swsysid._residual_report.channels import without
-from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
 from swsysid._surfaces.surface import gives_values, has_decisions
+
+FEWEST_ROWS = 30  # of a report: three bins of ten rows
+
+_DEGREE = 4  # of the polynomials of a smoother, as `differentiate` has them
 
 _FEWEST_ROWS_OF_A_MODE = 60  # of a mode examined by itself, as its tests share the level
 
@@ -95,10 +98,10 @@ class ResidualSamples:
             )
         smoothed = Smoothed.of(self.records, self.modes, window)
         rows = smoothed.decimated
-        if len(rows) < SETTINGS.fewest_rows:
+        if len(rows) < FEWEST_ROWS:
             raise ValueError(
                 f"only {len(rows)} of {len(self.residual)} rows share no measurement with another "
-                f"and lie in one mode; a residual report needs {SETTINGS.fewest_rows}: record "
+                f"and lie in one mode; a residual report needs {FEWEST_ROWS}: record "
                 "more, or smooth over a shorter window."
             )
         predicted = self.target - self.residual
@@ -159,10 +162,8 @@ def collect(
     for name, values in (("X", columns), ("Xdot", target), ("signals", channels)):
         if values is not None:
             refuse_vanishing(name, values)
-    if n_rows < SETTINGS.fewest_rows:
-        raise ValueError(
-            f"X has {n_rows} rows; a residual report needs at least {SETTINGS.fewest_rows}."
-        )
+    if n_rows < FEWEST_ROWS:
+        raise ValueError(f"X has {n_rows} rows; a residual report needs at least {FEWEST_ROWS}.")
     records = make_records(
         columns,
         target.shape[1],
@@ -256,7 +257,7 @@ class Smoothed:
         assert records.t is not None
         modes = np.zeros(len(records)) if modes is None else modes
         stays = stays_of(modes, records.trajectories)
-        return cls(Windows(records.t, stays, window // 2, SETTINGS.degree))
+        return cls(Windows(records.t, stays, window // 2, _DEGREE))
 
     @property
     def decimated(self) -> NDArray[np.intp]:

@@ -12,9 +12,13 @@ from swsysid._checks.arrays import column, labels
 from swsysid._checks.parameters import whole
 from swsysid._residual_report.dependence import correlation_length, holm
 from swsysid._residual_report.findings import Finding
+from swsysid._residual_report.noise_floor import FEWEST_NEIGHBOURS
 from swsysid._residual_report.samples import ResidualSamples
-from swsysid._residual_report.settings import SETTINGS
 from swsysid._results import Array
+
+# Of the significance, of which the rearrangements have the rest (`findings`).
+_WEIGHT_OF_WHITENESS = 0.1
+_WEIGHT_OF_BIAS = 0.1
 
 _ROWS_A_LAG = 5
 _LEVEL_OF_A_TRAJECTORY = 0.01
@@ -104,13 +108,13 @@ def whiteness_test(
     sums, pairs = [], []
     for lag in range(1, min(n_lags, len(scores) - 1) + 1):
         together = codes[lag:] == codes[:-lag]
-        if together.sum() < SETTINGS.fewest_neighbours:
+        if together.sum() < FEWEST_NEIGHBOURS:
             break
         sums.append((scores[lag:] * scores[:-lag])[together].sum())
         pairs.append(int(together.sum()))
     if not sums:
         raise ValueError(
-            f"fewer than {SETTINGS.fewest_neighbours} pairs of rows follow each other in a "
+            f"fewer than {FEWEST_NEIGHBOURS} pairs of rows follow each other in a "
             "trajectory; whiteness needs longer trajectories."
         )
     variance = max(float(np.square(scores).mean()), np.finfo(float).tiny)
@@ -154,7 +158,7 @@ def whiteness(
         return []
     residuals, codes = samples.residual[:, equations].T, samples.codes
     tests = [whiteness_test(residual, codes, n_lags=n_lags) for residual in residuals]
-    p_values = holm([test.p_value for test in tests]) / SETTINGS.weight_of_whiteness
+    p_values = holm([test.p_value for test in tests]) / _WEIGHT_OF_WHITENESS
     p_values = np.minimum(1.0, p_values)
     return [
         Whiteness(
@@ -178,7 +182,7 @@ def biases(samples: ResidualSamples, equations: list[int], significance: float) 
     codes = samples.codes if samples.records.ordered else np.arange(len(samples.residual))
     residuals = [samples.residual[:, i] for i in equations]
     p_values = holm([_bias_p_value(residual, codes) for residual in residuals])
-    p_values = np.minimum(1.0, p_values / SETTINGS.weight_of_bias)
+    p_values = np.minimum(1.0, p_values / _WEIGHT_OF_BIAS)
     found = []
     for i, residual, p_value in zip(equations, residuals, p_values.tolist(), strict=True):
         significant, mean = p_value <= significance, residual.mean()

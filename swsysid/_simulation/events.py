@@ -18,13 +18,13 @@ from scipy.optimize import brentq, minimize_scalar
 
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
 from swsysid._simulation.inputs import DENSE_DEGREES, METHODS, Options, Signal, Stretch
-from swsysid._simulation.system import (
-    FAILURES,
-    SETTINGS,
-    GuardedLaws,
-    GuardedSystem,
-    SimulationEnded,
-)
+from swsysid._simulation.system import FAILURES, GuardedLaws, GuardedSystem, SimulationEnded
+
+N_PARTS = 4  # of a step, at whose ends the mode is compared
+
+# So many switches in so small a fraction of the requested time are Zeno behaviour.
+_ZENO_SWITCHES = 64
+_ZENO_FRACTION = 1e-9
 
 
 @dataclass
@@ -39,9 +39,9 @@ class History:
 
     def add(self, event: SwitchEvent) -> None:
         """One more event; the simulation ends where they crowd or are too many."""
-        recent = self.events[-SETTINGS.zeno_switches :]
-        span = SETTINGS.zeno_fraction * (self.t[-1] - self.t[0])
-        crowded = len(recent) == SETTINGS.zeno_switches and event.time - recent[0].time < span
+        recent = self.events[-_ZENO_SWITCHES:]
+        span = _ZENO_FRACTION * (self.t[-1] - self.t[0])
+        crowded = len(recent) == _ZENO_SWITCHES and event.time - recent[0].time < span
         if crowded or len(self.events) >= self.most_events:
             raise SimulationEnded(Status.SWITCH_LIMIT)
         self.events.append(event)
@@ -111,7 +111,7 @@ def first_switch(
     """
     if not system.has_surfaces:
         return None
-    parts = np.linspace(0.0, 1.0, SETTINGS.n_parts + 1)
+    parts = np.linspace(0.0, 1.0, N_PARTS + 1)
     times = piece.start + (piece.stop - piece.start) * parts
     states = piece.state(times).T
     n_within = int(system.within(states).cumprod().sum())

@@ -19,8 +19,12 @@ from swsysid._checks.parameters import one_of, real, whole
 from swsysid._data.coordinates import Extent
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid._simulation.system import SETTINGS, Scales, SwitchingSystem
+from swsysid._simulation.system import Scales, SwitchingSystem
 from swsysid.effects import PlacedEffect
+
+# Given channels jump at the ends of an interval: columns are asked a millionth of it further in.
+_INSIDE = 1e-6
+_SAME_TIME = 1e-9  # share of a step within which two times are the same to roundoff
 
 Signal = Callable[[float], Array]
 Stretch = tuple[float, Signal]
@@ -152,7 +156,7 @@ def refined_grid(t: Array, instants: Array) -> Array:
     """The requested times and the instants between them that are not the same to roundoff."""
     if len(t) < 2:
         return t
-    near = SETTINGS.same_time * np.diff(t).min()
+    near = _SAME_TIME * np.diff(t).min()
     inside = np.unique(instants[(instants > t[0]) & (instants < t[-1])])
     after = np.searchsorted(t, inside)
     distinct = np.minimum(inside - t[after - 1], t[after] - inside) > near
@@ -210,7 +214,7 @@ class Given:
         # coefficients of the parabola through three values of a column in each interval:
         # values = V (c0, c1 h, c2 h^2) with the Vandermonde matrix V of the places
         h = np.diff(grid)[:, None]
-        places = np.array([SETTINGS.inside, 0.5, 1.0 - SETTINGS.inside])
+        places = np.array([_INSIDE, 0.5, 1.0 - _INSIDE])
         times = (grid[:-1, None] + h * places).ravel()
         values = self.columns(np.concatenate([grid[:1], times, grid[-1:]]))
         inside = values[1:-1].reshape(len(h), 3, values.shape[1])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
-from swsysid._simulation.events import Flow, History, Piece, first_switch, last_and_next
+from swsysid._simulation.events import N_PARTS, Flow, History, Piece, first_switch, last_and_next
 from swsysid._simulation.inputs import (
     Options,
     Signal,
@@ -24,7 +24,11 @@ from swsysid._simulation.inputs import (
     probe,
     stretches,
 )
-from swsysid._simulation.system import SETTINGS, GuardedSystem, SimulationEnded, SwitchingSystem
+from swsysid._simulation.system import GuardedSystem, SimulationEnded, SwitchingSystem
+
+# Share of the size of the states over which a slide takes differences and asks for sides: the
+# square root of rounding, and a hundred times that for rounding in the guard.
+_SHIFT = 1e-6
 
 
 def simulate(
@@ -194,7 +198,7 @@ class SwitchingRollout(Flow):
             return slide.margin(piece.state(time), time, signal)
 
         for piece in self.steps(field, end, signal):
-            times = np.linspace(piece.start, piece.stop, SETTINGS.n_parts + 1)
+            times = np.linspace(piece.start, piece.stop, N_PARTS + 1)
             last = _end_of(margin, times)
             self.advance(piece, last)
             if last < piece.stop:
@@ -277,7 +281,7 @@ class SlidingSurface:
 
     def _rate(self, x, time, inputs, velocity, direction):
         speed = np.linalg.norm(velocity / self.scale)
-        lag = min(SETTINGS.shift / max(float(speed), 1e-300), 1e-3 * self.span)
+        lag = min(_SHIFT / max(float(speed), 1e-300), 1e-3 * self.span)
         ahead = self.guard(x + lag * velocity, inputs(time + lag), direction)
         behind = self.guard(x - lag * velocity, inputs(time - lag), direction)
         return (ahead - behind) / (2 * lag)
@@ -301,7 +305,7 @@ class SlidingSurface:
 
     def _sides(self, x, u, jump):
         # g falls along f_after - f_before (its rate is b - a < 0): ahead lies `before`
-        shift = SETTINGS.shift * self._step(jump)
+        shift = _SHIFT * self._step(jump)
         return self.system.mode(x + shift, u), self.system.mode(x - shift, u)
 
     def _step(self, direction: Array) -> Array:
@@ -348,7 +352,7 @@ def _offset(system: GuardedSystem, after: int):
 
         inside = system.mode(x, u) == after
         sign = 1.0 if inside else -1.0
-        near, far = 0.0, SETTINGS.shift
+        near, far = 0.0, _SHIFT
         while stays(far) and stays(-far):
             near, far = far, 4 * far
             if far > 1e-2:

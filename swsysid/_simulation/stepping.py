@@ -17,7 +17,10 @@ from swsysid._simulation.effect_system import EffectSystem
 from swsysid._simulation.events import History, last_and_next
 from swsysid._simulation.inputs import Options, Signal, Stretch
 from swsysid._simulation.simulate import sliding_share
-from swsysid._simulation.system import FAILURES, SETTINGS, SimulationEnded
+from swsysid._simulation.system import FAILURES, SimulationEnded
+
+_N_SUBSTEPS = 4  # Runge-Kutta steps of a sample interval
+_AHEAD = 1e-6  # share of the requested time that a state is moved to see where a field leads
 
 
 def runge_kutta(field: Callable[[Array, float], Array], x: Array, step: float | Array) -> Array:
@@ -125,7 +128,7 @@ class _Stepping:
 
     def _advance(self, end: float, signal: Signal) -> None:
         """Move to a time without a jump of the inputs on the way."""
-        length = (end - self.time) / SETTINGS.n_substeps
+        length = (end - self.time) / _N_SUBSTEPS
         while self.time < end:
             last = end - self.time <= 1.000001 * length
             step = end - self.time if last else length
@@ -176,7 +179,7 @@ class _Stepping:
         if all(pair != (self.mode, mode) for pair, *_ in self.system.resets):
             return False
         span = self.done.t[-1] - self.done.t[0]
-        ahead = x + SETTINGS.ahead * span * self.field(x, u)
+        ahead = x + _AHEAD * span * self.field(x, u)
         return all(self.system.base_mode(place, u) == self.mode for place in (x, ahead))
 
     def _change(self, x: Array, u: Array, kind: str) -> None:

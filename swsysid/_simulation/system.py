@@ -16,6 +16,11 @@ from numpy.typing import NDArray
 from swsysid._data.coordinates import Extent
 from swsysid._results import Array, Status
 
+ATOL = 1e-10  # tolerance of an integration beside the relative one, in sizes of a state
+
+_STATE_BOUND = 1e9  # sizes at which a state has diverged
+_LEAST_SIZE = 1e-3  # of the largest state: the size of one that starts at zero
+
 # what a vector field or a surface may raise far away from its data
 FAILURES = (ValueError, ArithmeticError, np.linalg.LinAlgError)
 Answer = TypeVar("Answer")
@@ -166,50 +171,16 @@ class Scales:
         """
         origin = np.zeros(len(x0)) if extent is None else extent.centre
         away = np.nan_to_num(np.abs(x0 - origin), posinf=0.0)
-        size = np.maximum(away, SETTINGS.least_size * (away.max(initial=0.0) or 1.0))
+        size = np.maximum(away, _LEAST_SIZE * (away.max(initial=0.0) or 1.0))
         if not away.any():
             size = np.ones(len(x0))
         if extent is not None:
             size = np.where(extent.spread > 0.0, extent.spread, size)
-        tolerance = SETTINGS.atol * size if atol is None else np.full(len(x0), atol)
+        tolerance = ATOL * size if atol is None else np.full(len(x0), atol)
         if state_bound is not None:
             return cls(origin, size, tolerance, 0.0 * origin, np.full(len(x0), state_bound))
-        return cls(origin, size, tolerance, origin, SETTINGS.state_bound * np.maximum(size, away))
+        return cls(origin, size, tolerance, origin, _STATE_BOUND * np.maximum(size, away))
 
     def repeated(self, n_rows: int) -> Scales:
         """Those of so many rows of states in one vector."""
         return Scales(*(np.tile(part, n_rows) for part in vars(self).values()))
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Numbers that hold for every system; users have the `Options` of `simulate`."""
-
-    # -- of the size of a state: tolerance of the integration beside the relative one, the magnitude
-    # at which it has diverged, and what a state that starts at zero is of the largest one
-    atol: float = 1e-10
-    state_bound: float = 1e9
-    least_size: float = 1e-3
-
-    # -- events: parts of a step at whose ends the mode is compared; so many switches in so small a
-    # fraction of the requested time are Zeno behaviour
-    n_parts: int = 4
-    zeno_switches: int = 64
-    zeno_fraction: float = 1e-9
-
-    # -- sliding: share of the size of the states over which differences are taken and sides are
-    # asked: the square root of rounding, and a hundred times that for rounding in the guard
-    shift: float = 1e-6
-
-    # -- systems with memory: Runge-Kutta steps of a sample interval, and share of the requested
-    # time that a state is moved along a field to see where that leads
-    n_substeps: int = 4
-    ahead: float = 1e-6
-
-    # -- given channels: inputs jump at the ends of an interval, so columns are asked a millionth of
-    # it further in; times closer than this share of a step are the same to roundoff
-    inside: float = 1e-6
-    same_time: float = 1e-9
-
-
-SETTINGS = Settings()

@@ -35,8 +35,7 @@ from swsysid.differentiation._record import (
     thinned,
 )
 from swsysid.differentiation._sensors import inspect_sensors
-from swsysid.differentiation._settings import SETTINGS
-from swsysid.differentiation._smoothing import Array, TooShortError
+from swsysid.differentiation._smoothing import LARGEST_GAP, Array, TooShortError
 from swsysid.differentiation._strength import Strength, strengths, strongest, warn_of_counting
 
 # Polynomials beyond are lost to rounding.
@@ -298,7 +297,7 @@ def _strength(
     for label, stretches in record.parts:
         for index in stretches:
             steps = np.diff(record.times[index])
-            if len(steps) > 2 and steps.max() > SETTINGS.largest_gap * np.median(steps):
+            if len(steps) > 2 and steps.max() > LARGEST_GAP * np.median(steps):
                 raise ValueError(
                     f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
                     f"{np.median(steps):g} apart; give the parts before and after it different "

@@ -16,8 +16,10 @@ from scipy.interpolate import CubicSpline
 from scipy.special import comb
 
 from swsysid._noise import robust_scale
-from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import Array
+
+# Quanta of noise above which there is more than that of rounding, 0.29
+BEYOND_ROUNDING = 0.4
 
 # Differences of this order leave noise and hardly any of a smooth signal.
 _NOISE_ORDER = 6
@@ -32,7 +34,7 @@ _UNIFORM = 1.0 / np.sqrt(12.0)
 
 def is_rounding(noise: Array, quantum: Array) -> NDArray[np.bool_]:
     """Whether the noise of each column is that of rounding; more makes its errors white."""
-    return noise < SETTINGS.beyond_rounding * quantum
+    return noise < BEYOND_ROUNDING * quantum
 
 
 def unrounded(x: Array, noise: Array, quantum: Array) -> Array:

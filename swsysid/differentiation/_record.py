@@ -27,8 +27,7 @@ from swsysid._data.trajectories import (
 from swsysid._rendering.series import draw_series, frame_of, names_or_numbers, span
 from swsysid._results import IdentificationWarning
 from swsysid.differentiation._noise import runs_in
-from swsysid.differentiation._sensors import Sensors, inspect_sensors
-from swsysid.differentiation._settings import SETTINGS
+from swsysid.differentiation._sensors import SURE, Sensors, inspect_sensors
 from swsysid.differentiation._smoothing import Array, Smoother
 from swsysid.differentiation._strength import kernels_of
 
@@ -197,7 +196,7 @@ def loudness(jets: Array, smoother: Smoother, times: Array, noise: Array, reach:
     for level in (1, 2):
         gain = float(np.linalg.norm(kernels_of([smoother], times, reach, level)[0]))
         size = np.abs(jets[level])
-        least = np.maximum(SETTINGS.sure * gain * noise, _STANDING * size.max(axis=0))
+        least = np.maximum(SURE * gain * noise, _STANDING * size.max(axis=0))
         found = np.maximum(found, (size / np.where(least > 0.0, least, 1.0)).max(axis=1))
     return found
 
@@ -210,7 +209,7 @@ def at_rest(smooth: Array, loud: Array, half: int, noise: Array) -> NDArray[np.b
     # A movement that only turns is still for a moment, and one that creeps gets somewhere.
     runs = runs_in(loud <= 1.0)
     spread = np.maximum.reduceat(smooth, runs.starts) - np.minimum.reduceat(smooth, runs.starts)
-    least = np.maximum(SETTINGS.sure * noise, _STANDING * np.ptp(smooth, axis=0))
+    least = np.maximum(SURE * noise, _STANDING * np.ptp(smooth, axis=0))
     rests = (loud[runs.starts] <= 1.0) & (runs.lengths >= _SHORTEST_REST)
     rests &= (spread <= least).all(axis=1)
     return np.asarray(binary_dilation(rests[runs.numbers], np.ones(2 * (half // 2) + 1)))

@@ -12,9 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import table
 from swsysid._data.trajectories import group_labels, trajectories
-from swsysid.differentiation._noise import Runs, noise_in, runs_in, sixth_differences
-from swsysid.differentiation._settings import SETTINGS
+from swsysid.differentiation._noise import (
+    BEYOND_ROUNDING,
+    Runs,
+    noise_in,
+    runs_in,
+    sixth_differences,
+)
 from swsysid.differentiation._smoothing import Array
+
+SURE = 4.0  # standard deviations beyond which a speed is not noise
+
+_ROUNDING = 1e-12  # share of the largest value: differences below it are rounding
+_HIDDEN_QUANTA = 6.0  # quanta that may hide a smooth turn
 
 # Fewer distances of neighbouring values are a signal of states, not of an encoder.
 _FEWEST_LEVELS = 5
@@ -101,7 +111,7 @@ def _quantum(parts: list[Array]) -> float:
     """Distance of neighbouring values of one column, 0 if they lie on no grid."""
     # An encoder may be set to zero at the start of a trajectory, so grids may be shifted.
     gaps = np.concatenate([np.diff(np.unique(values)) for values in parts])
-    rounding = SETTINGS.rounding * max(float(np.abs(values).max()) for values in parts)
+    rounding = _ROUNDING * max(float(np.abs(values).max()) for values in parts)
     gaps = gaps[gaps > rounding]
     if len(gaps) < _FEWEST_LEVELS:
         return 0.0
@@ -153,7 +163,7 @@ def _clipped_at(columns: Array, parts: list[NDArray[np.intp]], quantum: Array) -
             continue  # a switch, whose ends are all that it has
         series = [values[rows] for rows in parts]
         # Noise repeats no value for long: where it does so at an end, this is that of the range.
-        visible = max(_VISIBLE * np.ptp(values), SETTINGS.beyond_rounding * quantum[k])
+        visible = max(_VISIBLE * np.ptp(values), BEYOND_ROUNDING * quantum[k])
         noisy = noise[k] > visible
         ends = [
             end
@@ -204,8 +214,8 @@ def _is_fast(near: Array, depths: Array, stay: int, quantum: float, noise: float
     inverse = np.linalg.pinv(places[:, None] ** np.arange(3))
     speed = float(inverse[1] @ near)
     # Up to so much is hidden by rounding, and by the step from one sample to the next.
-    hidden = max(SETTINGS.hidden_quanta * quantum, float(near[0]))
-    doubt = SETTINGS.sure * noise * float(np.linalg.norm(inverse[1]))
+    hidden = max(_HIDDEN_QUANTA * quantum, float(near[0]))
+    doubt = SURE * noise * float(np.linalg.norm(inverse[1]))
     if speed <= doubt or speed * stay <= hidden:
         return False
     deceleration = max(2.0 * float(inverse[2] @ near), _usual_bend(depths, len(near)))

@@ -17,7 +17,15 @@ from scipy.signal import butter, oaconvolve, sosfiltfilt
 from scipy.special import comb
 
 from swsysid._checks.parameters import shown
-from swsysid.differentiation._settings import SETTINGS
+
+# Relative deviation of the steps up to which sampling counts as even, and of a line's slope up to
+# which the times are known.
+EVEN = 1e-3
+
+# A longer gap, in median steps, is not one trajectory any more
+LARGEST_GAP = 20.0
+
+_ROWS_AT_A_TIME = 20_000  # smoothed, which bounds the memory
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -75,7 +83,7 @@ def local_polynomial(window: int, degree: int) -> Smoother:
 
 def _stretches(rows: Rows, even: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Parts of `rows` that follow each other and are all even or all uneven, of bounded length."""
-    full = np.arange(1, len(rows)) % SETTINGS.rows_at_a_time == 0
+    full = np.arange(1, len(rows)) % _ROWS_AT_A_TIME == 0
     new = (np.diff(rows) != 1) | (np.diff(even) != 0) | full
     cuts = [0, *(np.flatnonzero(new) + 1).tolist(), len(rows)]
     yield from ((start, stop) for start, stop in pairwise(cuts) if stop > start)
@@ -87,7 +95,7 @@ def _even_windows(steps: Array, window: int) -> tuple[NDArray[np.bool_], float]:
     A sample that is missing makes the windows around it uneven, not the whole trajectory.
     """
     usual = np.median(steps)
-    odd = np.abs(steps - usual) > SETTINGS.even * usual
+    odd = np.abs(steps - usual) > EVEN * usual
     count = np.concatenate([[0], np.cumsum(odd)])
     even = count[window - 1 :] == count[: len(count) - window + 1]
     return even, float(steps[~odd].mean()) if even.any() else float(usual)
@@ -165,7 +173,7 @@ def low_pass(cutoff: float) -> Smoother:
         if len(x) < 9:
             raise TooShortError(9, len(x))
         steps = np.diff(t)
-        if np.ptp(steps) > SETTINGS.even * steps.mean():
+        if np.ptp(steps) > EVEN * steps.mean():
             raise ValueError(
                 'method="butterworth" needs evenly spaced times; use "savitzky_golay", which '
                 "fits on the actual ones."

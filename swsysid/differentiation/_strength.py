@@ -25,8 +25,8 @@ from scipy.interpolate import CubicHermiteSpline
 from swsysid._checks.parameters import shown
 from swsysid._results import IdentificationWarning
 from swsysid.differentiation._noise import is_rounding, noise_in, unrounded
-from swsysid.differentiation._settings import SETTINGS
 from swsysid.differentiation._smoothing import (
+    EVEN,
     Array,
     Smoother,
     TooShortError,
@@ -34,6 +34,14 @@ from swsysid.differentiation._smoothing import (
     local_polynomial,
     low_pass,
 )
+
+# Strengths to choose from, each about 1.4 times the one before it.
+WINDOWS = (
+    *(7, 9, 11, 15, 21, 29, 41, 57, 81, 115, 163, 231, 327, 463, 655, 927, 1311, 1855, 2623),
+    *(3711, 5247, 7419, 10493),
+)
+
+_LOST = 0.25  # share of the rows that the ends of a window may cost
 
 # Of the sampling rate.
 _CUTOFFS = (*(0.4, 0.28, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025, 0.0175, 0.0125),)
@@ -87,7 +95,7 @@ def strengths(
     lengths = np.array([len(t) for t in times])
     if name == "savitzky_golay":
         least = max(degree + 2, 2 * decimate + 1)
-        wide = [w for w in SETTINGS.windows if w >= least]
+        wide = [w for w in WINDOWS if w >= least]
         windows = [w for w in wide if _is_affordable(w, lengths, may_drop)]
         smallest = min(wide, default=least + 1 - least % 2)
         chosen = [window] if window else windows or [smallest]
@@ -108,8 +116,8 @@ def strengths(
 def _is_affordable(window: float, lengths: NDArray[np.intp], may_drop: bool) -> bool:
     """Whether the ends of a window cost few enough rows, of short trajectories all of them."""
     if not may_drop:
-        return bool(window <= SETTINGS.lost * lengths.min())
-    return bool(np.minimum(lengths, window).sum() <= SETTINGS.lost * lengths.sum())
+        return bool(window <= _LOST * lengths.min())
+    return bool(np.minimum(lengths, window).sum() <= _LOST * lengths.sum())
 
 
 # --- the least risk ---------------------------------------------------------------------------
@@ -243,11 +251,11 @@ def warn_of_counting(other: Smoother, parts: Sequence[Part], quantum: Array, deg
     The most uneven trajectory decides; `degree` is that of the polynomials that know the times.
     """
     uneven = [_unevenness(t) for _, t in parts]
-    if max(uneven, default=0.0) <= SETTINGS.even:
+    if max(uneven, default=0.0) <= EVEN:
         return
     x, t = parts[int(np.argmax(uneven))]
     try:
-        if _size(other(t[:, None], t, None)[0][1] - 1.0)[0] <= SETTINGS.even:
+        if _size(other(t[:, None], t, None)[0][1] - 1.0)[0] <= EVEN:
             return
         added, usual = _errors(other, x, t, quantum, degree)
     except TooShortError:

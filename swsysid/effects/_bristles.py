@@ -16,9 +16,13 @@ import numpy as np
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Parameter, Place, figure, quantile_levels
+from swsysid.effects._base import N_LEVELS, Parameter, Place, figure, quantile_levels
 from swsysid.effects._friction import OfAVelocity
 from swsysid.effects._memory import followed_from
+
+_FORGOTTEN = 40.0  # presliding distances after which a contact has forgotten its past
+_END = 9.0  # of atanh(w): there a contact slides, but for the eighth digit of w
+_N_PLACES = 1801  # of a table up to there
 
 
 class _Presliding(OfAVelocity):
@@ -43,7 +47,7 @@ class _Presliding(OfAVelocity):
         ]
         moves = np.concatenate(ways)
         usual = float(np.median(moves[moves > 0.0])) if (moves > 0.0).any() else 1.0
-        return np.geomspace(0.02 * usual, 64.0 * usual, SETTINGS.n_levels)
+        return np.geomspace(0.02 * usual, 64.0 * usual, N_LEVELS)
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         velocity = self.values(records, place)
@@ -63,7 +67,7 @@ class _Presliding(OfAVelocity):
         assert records.t is not None
         moved = np.abs(_moves(records.t, self.values(records, place))).sum(axis=1)
         left = np.cumsum(moved[::-1])[::-1]
-        first = int(np.sum(left > SETTINGS.forgotten * theta[0]))
+        first = int(np.sum(left > _FORGOTTEN * theta[0]))
         return records.take(np.arange(first, len(records)))
 
 
@@ -172,7 +176,7 @@ class BoucWen(_Presliding):
     def state(self, theta: Sequence[float], t: Array, velocity: Array) -> Array:
         distance, exponent, shape = theta
         ways = _ways_up(exponent, shape).tolist()
-        here = float(np.sign(velocity[0])) * SETTINGS.end
+        here = float(np.sign(velocity[0])) * _END
         places = [here]
         for pair in (_moves(t, velocity) / distance).tolist():
             for move in pair:
@@ -190,7 +194,7 @@ class BoucWen(_Presliding):
 
 def _ways_up(exponent: float, shape: float) -> Array:
     """Presliding distances from -1 upwards to each of the places."""
-    places = np.linspace(-SETTINGS.end, SETTINGS.end, SETTINGS.n_places)
+    places = np.linspace(-_END, _END, _N_PLACES)
     state = np.tanh(places)
     rate = 1.0 - np.abs(state) ** exponent * (shape * np.sign(state) + 1.0 - shape)
     slowness = (1.0 - state**2) / rate
@@ -201,14 +205,14 @@ def _ways_up(exponent: float, shape: float) -> Array:
 def _moved_up(ways: list[float], here: float, move: float) -> float:
     """Place after a move upwards."""
     last = len(ways) - 1
-    number = (here + SETTINGS.end) * last / (2.0 * SETTINGS.end)
+    number = (here + _END) * last / (2.0 * _END)
     below = min(int(number), last - 1)
     way = ways[below] + (number - below) * (ways[below + 1] - ways[below]) + move
     if way >= ways[-1]:
-        return SETTINGS.end
+        return _END
     below = bisect_right(ways, way) - 1
     number = below + (way - ways[below]) / (ways[below + 1] - ways[below])
-    return number * 2.0 * SETTINGS.end / last - SETTINGS.end
+    return number * 2.0 * _END / last - _END
 
 
 def _moves(t: Array, velocity: Array) -> Array:

@@ -16,7 +16,7 @@ from sklearn.base import clone
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.effects._base import (
-    SETTINGS,
+    N_LEVELS,
     Effect,
     Parameter,
     Place,
@@ -25,6 +25,12 @@ from swsysid.effects._base import (
     spread,
 )
 from swsysid.effects._kinematics import positions_along, rate_along
+
+RARE_SIGN = 0.03  # share of the samples: a velocity with fewer of one sign has one sign
+
+_NARROW = 0.03  # of a channel's range: narrower than that, a dead zone is friction
+_SHARPEST = 0.02  # scale of a soft saturation, of the range of the channel
+_SOFTEST = 2.0
 
 
 class OfAChannel(Effect):
@@ -113,11 +119,11 @@ class _TwoSided(OfAChannel):
             ends = [float(np.quantile(side, 0.95)) for side in used]
             highest, farthest = min(ends), max(ends)
             # narrower than that is friction, or nothing the samples could show
-            lowest = max(np.quantile(np.abs(values), 0.03), SETTINGS.narrow * spread(values))
+            lowest = max(np.quantile(np.abs(values), 0.03), _NARROW * spread(values))
             if lowest < highest:
-                levels, step = np.linspace(lowest, highest, SETTINGS.n_levels, retstep=True)
+                levels, step = np.linspace(lowest, highest, N_LEVELS, retstep=True)
                 # as dense beyond what both sides reach, up to as many again
-                n_more = min(SETTINGS.n_levels, int(np.ceil((farthest - highest) / step)))
+                n_more = min(N_LEVELS, int(np.ceil((farthest - highest) / step)))
                 more = np.linspace(highest, farthest, n_more + 1)[1:]
                 levels = np.concatenate([levels, more])
         return (Parameter("threshold", levels, "{channel}"),)
@@ -127,7 +133,7 @@ def has_one_sign(values: Array) -> bool:
     """Whether what moves hardly changes its sign: noise of what is empty for long is no sign."""
     size = float(np.abs(values).sum())
     rarer = 0.5 * (size - abs(float(values.sum())))
-    return bool(rarer < SETTINGS.rare_sign * size and np.ptp(values) > 0.0)
+    return bool(rarer < RARE_SIGN * size and np.ptp(values) > 0.0)
 
 
 class Saturation(_TwoSided):
@@ -208,7 +214,7 @@ class Overflow(OfAChannel):
         return records.variables
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        levels = quantile_levels(records.channel(place), 0.04, 0.96, SETTINGS.n_levels)
+        levels = quantile_levels(records.channel(place), 0.04, 0.96, N_LEVELS)
         return (Parameter("level", levels, "{channel}"),)
 
     def functions(self, x: Array, *theta: float) -> Sequence[Array]:
@@ -220,7 +226,7 @@ class _Saturating(OfAChannel):
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Where half of the response is reached: from a corner to nearly a power."""
-        shares = np.geomspace(SETTINGS.sharpest, SETTINGS.softest, SETTINGS.n_levels)
+        shares = np.geomspace(_SHARPEST, _SOFTEST, N_LEVELS)
         width = spread(records.channel(place)) or 1.0
         return (Parameter("scale", shares * width, "{channel}"),)
 

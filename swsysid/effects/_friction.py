@@ -13,8 +13,14 @@ import numpy as np
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Parameter, Place, quantile_levels
-from swsysid.effects._characteristics import InputGain, OfAChannel, OfRates, OfTwoChannels
+from swsysid.effects._base import Parameter, Place, quantile_levels
+from swsysid.effects._characteristics import (
+    RARE_SIGN,
+    InputGain,
+    OfAChannel,
+    OfRates,
+    OfTwoChannels,
+)
 
 
 class OfAVelocity(OfRates):
@@ -63,7 +69,7 @@ class OfAVelocity(OfRates):
 
 def _takes_both_signs(values: Array) -> bool:
     rarer = min(np.mean(values > 0.0), np.mean(values < 0.0))
-    return bool(rarer >= SETTINGS.rare_sign)
+    return bool(rarer >= RARE_SIGN)
 
 
 class _Dry(OfAVelocity, OfAChannel):

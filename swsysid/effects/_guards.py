@@ -14,8 +14,16 @@ from swsysid._data.features import Monomials
 from swsysid._data.records import Records
 from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, figure, products
+from swsysid.effects._base import figure, products
 from swsysid.effects._types import Crossing, GuardEffect
+
+_N_THRESHOLDS = 32  # scanned as ends of a band
+_N_HALVINGS = 5  # of the distance between two of them, to refine the band
+# Modes are wrong on a few rows in thousands next to a guard.
+_WORTH_A_TERM = 0.0005
+_WORTH_A_BAND = 0.002
+_MOST_GUARDS = 3
+_SLIGHT = 0.1  # of the largest term: less is the classifier's margin, not the plant's
 
 Modes = NDArray[np.intp]
 Terms = tuple[tuple[int, ...], ...]
@@ -68,7 +76,7 @@ class GuardHysteresis(GuardEffect):
                 np.mean((one.guard.modes(records, *band) == modes)[modes >= 0])
                 for band in (one.band, single)
             )
-            if with_band > without + SETTINGS.worth_a_band:
+            if with_band > without + _WORTH_A_BAND:
                 yield one.guard, one.band
 
     def refitted(self, place: Guard, records: Records, modes: Modes) -> tuple[Guard, Band]:
@@ -206,7 +214,7 @@ def _separating(
 def _main_terms(guard: Guard, records: Records) -> Terms:
     """Terms of a guard that matter."""
     sizes = np.abs(guard.weights) * _monomials(records.X, guard.terms).std(axis=0)
-    kept = sizes >= SETTINGS.slight * sizes.max()
+    kept = sizes >= _SLIGHT * sizes.max()
     return tuple(term for term, keep in zip(guard.terms, kept, strict=True) if keep)
 
 
@@ -216,9 +224,9 @@ def _worthwhile(options: list[_Banded]) -> list[_Banded]:
     chosen = [first]
     for option in others:
         more = len(option.guard.terms) - len(chosen[-1].guard.terms)
-        if option.agreement > chosen[-1].agreement + SETTINGS.worth_a_term * more:
+        if option.agreement > chosen[-1].agreement + _WORTH_A_TERM * more:
             chosen.append(option)
-    return chosen[-SETTINGS.most_guards :]
+    return chosen[-_MOST_GUARDS:]
 
 
 def _monomials(X: Array, terms: Terms) -> Array:
@@ -233,12 +241,12 @@ def _with_band(guard: Guard, records: Records, modes: Modes) -> _Banded:
     """The band of a guard that agrees best with the modes."""
     values, known = guard(records.X), modes >= 0
     sides = np.where(known, np.where(modes == guard.upper_mode, 1.0, -1.0), 0.0)
-    shares = np.linspace(0.02, 0.98, SETTINGS.n_thresholds)
+    shares = np.linspace(0.02, 0.98, _N_THRESHOLDS)
     levels = np.unique(np.quantile(values[known], shares))
     pairs = [(low, high) for place, low in enumerate(levels) for high in levels[place:]]
     excess, band = best_band(pairs, records, values, sides)
     step = 0.5 * float(np.max(np.diff(levels), initial=0.0))
-    for _ in range(SETTINGS.n_halvings):
+    for _ in range(_N_HALVINGS):
         lows, highs = ((edge - step, edge, edge + step) for edge in band)
         ordered = [pair for pair in product(lows, highs) if pair[0] <= pair[1]]
         excess, band = best_band(ordered, records, values, sides)
@@ -256,7 +264,7 @@ def _midway(
     # The modes are the same wherever an edge lies between two samples, and a trajectory that turns
     # back between it and the true one is in the wrong mode for a whole stay.
     levels = np.unique(values)
-    place, most = int(np.searchsorted(levels, band[edge])), SETTINGS.n_thresholds
+    place, most = int(np.searchsorted(levels, band[edge])), _N_THRESHOLDS
     near = levels[max(0, place - most) : place + most]
     other = band[1 - edge]
     near = near[near <= other] if edge == 0 else near[near >= other]

@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import LEVEL, SETTINGS, Effect, Parameter, Place, figure
+from swsysid.effects._base import LEVEL, Effect, Parameter, Place, figure
+from swsysid.effects._shapes import SAMPLES_A_KNOT
+
+_N_INSTANTS = 100  # of a recording, from and until which something may act
 
 Rows = NDArray[np.intp]
 
@@ -86,8 +89,8 @@ class TimeInterval(Effect):
         assert records.t is not None
         t = records.t[self._acting(records, place)]
         first, last = (float(t.min()), float(t.max())) if len(t) else (0.0, 0.0)
-        step = (last - first) / SETTINGS.n_instants
-        instants = first + step * np.arange(-1.0, SETTINGS.n_instants + 2.0)
+        step = (last - first) / _N_INSTANTS
+        instants = first + step * np.arange(-1.0, _N_INSTANTS + 2.0)
         names = ("begin", "end") if self.ends else ("begin",)
         counts = ("", *(f"_{count}" for count in range(2, self.times + 1)))
         return tuple(
@@ -113,7 +116,7 @@ class TimeInterval(Effect):
                 for one in (np.concatenate([[0.0], sums])[ends] for sums in (sizes, along))
             )
             size = share * (1.0 - share)
-            possible = size > SETTINGS.samples_a_knot / max(count, 1)
+            possible = size > SAMPLES_A_KNOT / max(count, 1)
             if not self.ends:
                 possible[:, :-1] = False
             explained = np.square(moved - share * float(column @ one))
@@ -130,7 +133,7 @@ class TimeInterval(Effect):
         """Instants before, where a running sum bends most, and after; how many rows come before."""
         assert records.t is not None
         # a sum that bends at a sample is another one from the next sample on
-        begun = bends_of(sizes, along, SETTINGS.n_instants)[:-1] + 1
+        begun = bends_of(sizes, along, _N_INSTANTS)[:-1] + 1
         instants = np.concatenate([[grid.min()], records.t[rows[begun]], [grid.max()]])
         return instants, np.concatenate([[0], begun, [len(rows)]])
 
@@ -174,9 +177,7 @@ class TimeInterval(Effect):
         instants, ends = self._bends(records, rows, grid, np.arange(len(rows)) / len(rows), along)
         sums = np.concatenate([[0.0], along])[ends]
         counts = np.concatenate([[0], np.cumsum(judged)])[ends]
-        explained = np.where(
-            counts - counts[:, None] >= SETTINGS.samples_a_knot, sums - sums[:, None], 0.0
-        )
+        explained = np.where(counts - counts[:, None] >= SAMPLES_A_KNOT, sums - sums[:, None], 0.0)
         begin, end = np.unravel_index(int(explained.argmax()), explained.shape)
         return instants[[begin, end]] if explained[begin, end] > 0.0 else None
 

@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid.differentiation import differentiate
-from swsysid.effects._base import SETTINGS
+
+_SUMMED = 0.01  # of the squares of a position, left by what its velocity adds up to
+_KINEMATIC = 0.05  # of the squares of a rate, left by what it is: x' = v, or a difference
+# Of the squares of steps, left by what is no rate: 1.25 to 6.4 by the force of a damper on five
+# records, 1e8 by that of a piston; 1.2 at most by rates whose noise is as large as they are.
+_OTHER_STEPS = 1.1
+# Correlation of a state with the integral of its rates, at least: 0.87 where they are so noisy,
+# 0.9 by an accelerometer that shakes, 0.72 at most by those forces.
+_SAME_COURSE = 0.8
+_GAP = 3.0  # steps of the record, over which no rate is told
 
 
 def is_static(records: Records, targets: Array) -> bool:
@@ -33,19 +42,19 @@ def is_static(records: Records, targets: Array) -> bool:
     if not any(one.any() for one in steps):
         return False
     made = _steps_made(records, targets[:, 0], records.trajectories)
-    share, closer = _share_of_steps(steps, made), SETTINGS.kinematic
+    share, closer = _share_of_steps(steps, made), _KINEMATIC
     if share < closer:
         return False
     whole = records.trajectories
     others = (_steps_made(records, column, whole) for column in records.X[:, 1:].T)
     if any(_share_of_steps(steps, other) < closer * share for other in others):
         return True
-    if share < SETTINGS.other_steps:
+    if share < _OTHER_STEPS:
         return False
     offset = np.mean(np.concatenate(made)) - np.mean(np.concatenate(steps))
     course, integral = (_courses(each) for each in (steps, [one - offset for one in made]))
     left = float(np.sum((course - integral) ** 2)) / float(np.sum(course**2))
-    return left >= 1.0 and _correlation(course, integral) < SETTINGS.same_course
+    return left >= 1.0 and _correlation(course, integral) < _SAME_COURSE
 
 
 def positions_along(
@@ -60,7 +69,7 @@ def positions_along(
         course = _courses([np.diff(records.channel(state)[rows]) for rows in parts])
         integral = _courses(_steps_made(records, records.channel(other), parts))
         left = np.sum(np.square(course - integral))
-        if state not in found and left < SETTINGS.summed * np.sum(np.square(course)):
+        if state not in found and left < _SUMMED * np.sum(np.square(course)):
             found[state] = other
     return found
 
@@ -80,9 +89,7 @@ def _differentiated(records: Records, channel: int) -> Array:
     runs = [
         run
         for rows in records.trajectories
-        for run in np.split(
-            rows, np.flatnonzero(np.diff(t[rows]) > SETTINGS.gap * records.step) + 1
-        )
+        for run in np.split(rows, np.flatnonzero(np.diff(t[rows]) > _GAP * records.step) + 1)
     ]
     number = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
     rows = np.concatenate(runs)
@@ -135,7 +142,7 @@ def with_kinematics(
     for state, other in permutations(states, 2):
         left[state, other] = _left_by_multiple(rates[:, state], now[:, other])
     # In an oscillation each state is nearly a multiple of the other's rate: the closer one counts.
-    is_rate = (left < SETTINGS.kinematic) & (left <= left.T)
+    is_rate = (left < _KINEMATIC) & (left <= left.T)
     positions = {state: int(is_rate[state].argmax()) for state in states if is_rate[state].any()}
     if positions:
         own = states
@@ -177,7 +184,7 @@ def _states_that_move_so(
             if in_unit
             else _left_by_multiple(steps[:, state], shown[:, state])
         )
-        < SETTINGS.kinematic
+        < _KINEMATIC
     ]
 
 

@@ -15,14 +15,11 @@ from scipy.signal import lfilter
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import (
-    SETTINGS,
-    Effect,
-    Parameter,
-    Place,
-    spread,
-)
+from swsysid.effects._base import Effect, Parameter, Place, spread
 from swsysid.effects._characteristics import OfAChannel, has_one_sign
+
+_LONGEST_DELAY = 40  # steps of the record, up to which every half is tried
+_LONGER_DELAY = 0.1  # by which the logarithms of longer ones differ
 
 
 def _usual_duration(records: Records) -> float:
@@ -91,10 +88,10 @@ class Delay(Remembering):
 def _delays(records: Records) -> Array:
     """Half steps of a record, and beyond so many ever longer ones, up to a quarter of a record."""
     longest = 0.25 * _usual_duration(records)
-    dense = min(SETTINGS.longest_delay * records.step, longest)
+    dense = min(_LONGEST_DELAY * records.step, longest)
     count = max(int(2 * dense / records.step), 2)
-    more = max(int(np.log(longest / dense) / SETTINGS.longer_delay), 0) if dense > 0.0 else 0
-    longer = dense * np.exp(SETTINGS.longer_delay * np.arange(1, more + 1))
+    more = max(int(np.log(longest / dense) / _LONGER_DELAY), 0) if dense > 0.0 else 0
+    longer = dense * np.exp(_LONGER_DELAY * np.arange(1, more + 1))
     return np.append(np.linspace(0.5 * records.step, dense, count), longer)
 
 
@@ -124,7 +121,7 @@ class TransportDelay(Effect):
         """From what passes in half a step up to a quarter of what passes in a trajectory."""
         passed = [one[-1] for one in self._passed(records, place[1])]
         least = 0.5 * records.step * float(np.mean(np.abs(records.channel(place[1]))))
-        most, share = 0.25 * max(passed), SETTINGS.longer_delay
+        most, share = 0.25 * max(passed), _LONGER_DELAY
         values = least * np.exp(np.arange(0.0, np.log(max(most / least, 1.0)), share))
         return (Parameter("amount", values, "{channel} {time}"),)
 

@@ -10,8 +10,13 @@ import numpy as np
 from swsysid._data.records import Records
 from swsysid._data.trajectories import passes
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Parameter, Place, figure, quantile_levels
+from swsysid.effects._base import Parameter, Place, figure, quantile_levels
 from swsysid.effects._types import WithoutColumns
+
+# Limits of a rate, in units of the pace of its state: the law of one that nearly always stands
+# still says far more than it ever moves.
+_SPEEDS: tuple[float, float, int] = (0.03, 100.0, 13)
+_STOPS: tuple[float, float, int] = (0.8, 1.0, 13)  # shares of the samples below an end stop
 
 _ENDS = {"highest": 1, "lowest": -1}
 
@@ -74,7 +79,7 @@ class _Threshold(RateEffect):
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         """Shares and multiples of the usual pace of the state."""
         pace = _pace(records, place)
-        low, high, count = SETTINGS.paces
+        low, high, count = _SPEEDS
         values = pace * np.geomspace(low, high, count) if pace > 0.0 else np.empty(0)
         return (Parameter(self.parameter, values, "{channel}/{time}"),)
 
@@ -143,7 +148,7 @@ class EndStop(RateEffect):
         """Levels near that end of the record."""
         state, end = place
         side = _ENDS[end]
-        far = quantile_levels(side * records.channel(state), *SETTINGS.ends)
+        far = quantile_levels(side * records.channel(state), *_STOPS)
         return (Parameter("level", np.sort(side * far), "{channel}"),)
 
     def bound(self, place: Place, *theta: float) -> tuple[int, float]:

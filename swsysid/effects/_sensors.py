@@ -10,8 +10,16 @@ from scipy.interpolate import Akima1DInterpolator
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Parameter, Place, figure, spread
+from swsysid.effects._base import Parameter, Place, figure, spread
 from swsysid.effects._types import MeasurementEffect
+
+_SMALLEST_OFFSET = 0.005  # of the range of the state
+_LARGEST_OFFSET = 0.5
+_N_OFFSETS = 8  # of each sign
+_LATEST = 16  # steps of the record, for a late sensor
+_DIFFERENT = 0.5  # values, as a share of the samples: more are no steps of a sensor
+_UNEVEN = 1e-4  # of a step, by which multiples of it may differ
+_MISMATCH = 0.6  # of the squares of state and velocity that a late sensor leaves
 
 
 class SensorOffset(MeasurementEffect):
@@ -21,7 +29,7 @@ class SensorOffset(MeasurementEffect):
     meaning = "the sensor of {channel} has an offset"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        shares = np.geomspace(SETTINGS.smallest_offset, SETTINGS.largest_offset, SETTINGS.n_offsets)
+        shares = np.geomspace(_SMALLEST_OFFSET, _LARGEST_OFFSET, _N_OFFSETS)
         sizes = shares * (spread(records.channel(place)) or 1.0)
         return (Parameter("offset", np.concatenate([-sizes[::-1], [0.0], sizes]), "{channel}"),)
 
@@ -78,7 +86,7 @@ class ClockLag(MeasurementEffect):
             _mismatch(self.corrected(records, place, delay), place, velocities[:, place], discrete)
             for delay in _delays(records)
         ]
-        return min(errors) < SETTINGS.mismatch * errors[0]
+        return min(errors) < _MISMATCH * errors[0]
 
     def corrected(self, records: Records, place: Place, *theta: float) -> Records:
         read_later = partial(_smoothly_read, theta[0])
@@ -163,17 +171,17 @@ def _smoothly_read(later: float, t: Array, values: Array) -> Array:
 def _step_of(values: Array) -> float:
     """The step of which all differences between some values are multiples; 0 if there is none."""
     distinct = np.unique(values)
-    if not 2 < len(distinct) <= SETTINGS.different * len(values):
+    if not 2 < len(distinct) <= _DIFFERENT * len(values):
         return 0.0
     gaps = np.diff(distinct)
-    gaps = gaps[gaps > SETTINGS.uneven * gaps.max()]  # smaller ones are rounding
+    gaps = gaps[gaps > _UNEVEN * gaps.max()]  # smaller ones are rounding
     multiples = gaps / gaps.min()
-    even = np.abs(multiples - np.round(multiples)) <= SETTINGS.uneven * multiples
+    even = np.abs(multiples - np.round(multiples)) <= _UNEVEN * multiples
     return float(gaps.sum() / np.round(multiples).sum()) if even.all() else 0.0
 
 
 def _delays(records: Records) -> Array:
-    return np.arange(float(SETTINGS.latest)) * records.step
+    return np.arange(float(_LATEST)) * records.step
 
 
 def _mismatch(records: Records, state: int, velocity: Array, discrete: bool) -> float:

@@ -26,7 +26,18 @@ from sklearn.cluster import KMeans
 from swsysid._data.records import Records
 from swsysid._noise import root_mean_square
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Effect, Place, figure
+from swsysid.effects._base import Effect, Place, figure
+
+SAMPLES_A_KNOT = 4  # at least
+
+_KNOTS: tuple[int, ...] = (6, 12, 24)  # of a function of one channel
+_MORE_KNOTS: tuple[int, ...] = (48,)  # tried after the last of them, one after another
+_KNOTS_OF_TWO: tuple[int, ...] = (20, 50)  # of a function of two
+_MORE_KNOTS_OF_TWO: tuple[int, ...] = (100, 200, 300)
+_PRIOR_ROWS = 0.1  # one row near a knot is worth ten of these
+_PRIOR_ROWS_OF_ZERO = 1e-3  # which leave a straight line to the library
+_OUTER = 0.01  # share of the samples beyond each outermost knot
+_DIGITS = 9  # of a channel's range: values closer than that are one
 
 _TIMES = ", times "  # between the argument of a function and what it is multiplied by
 
@@ -192,13 +203,13 @@ def _prior(knots: tuple[tuple[float, ...], ...]) -> Array:
     """
     points = np.array(knots)
     if points.shape[1] > 1:
-        return np.sqrt(SETTINGS.prior_rows) * np.eye(len(points))
+        return np.sqrt(_PRIOR_ROWS) * np.eye(len(points))
     scaled = points / np.ptp(points, axis=0)
     bent = null_space(np.column_stack([np.ones(len(points)), scaled]).T)
     kernel = cdist(scaled, scaled) ** 3
     weights = bent @ np.linalg.solve(bent.T @ kernel @ bent, bent.T)
     missed = weights / np.diag(weights)[:, None] if bent.size else weights
-    rows, of_zero = SETTINGS.prior_rows, SETTINGS.prior_rows_of_zero
+    rows, of_zero = _PRIOR_ROWS, _PRIOR_ROWS_OF_ZERO
     return np.vstack([np.sqrt(rows) * missed, np.sqrt(of_zero) * np.eye(len(points))])
 
 
@@ -216,8 +227,8 @@ def shapes(records: Records) -> list[UnknownFunction]:
         for pair in permutations(channels, 2)
         if records.channel(pair[1]).any()
     ]
-    sized = [(shape, SETTINGS.knots) for shape in plain]
-    sized += [(UnknownFunction(pair), SETTINGS.knots_of_two) for pair in pairs]
+    sized = [(shape, _KNOTS) for shape in plain]
+    sized += [(UnknownFunction(pair), _KNOTS_OF_TWO) for pair in pairs]
     return [shape for each in sized for shape in _sized(records, *each)]
 
 
@@ -227,8 +238,8 @@ def finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
     There is none after a smooth one, and none where the samples do not bear it.
     """
     is_surface = shape.n_arguments > 1
-    scanned = SETTINGS.knots_of_two if is_surface else SETTINGS.knots
-    more = SETTINGS.more_knots_of_two if is_surface else SETTINGS.more_knots
+    scanned = _KNOTS_OF_TWO if is_surface else _KNOTS
+    more = _MORE_KNOTS_OF_TWO if is_surface else _MORE_KNOTS
     if len(shape.knots) < scanned[-1]:
         return []
     larger = [count for count in more if count > len(shape.knots)][:1]
@@ -240,7 +251,7 @@ def next_finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction
 
     None of two arguments: each of so many columns makes everything that is fitted beside it slow.
     """
-    counts = () if shape.n_arguments > 1 else (*SETTINGS.knots, *SETTINGS.more_knots)
+    counts = () if shape.n_arguments > 1 else (*_KNOTS, *_MORE_KNOTS)
     return _sized(records, shape, [count for count in counts if count > len(shape.knots)][:2])
 
 
@@ -253,11 +264,11 @@ def _sized(
     if not width.all():
         return []
     # values that differ by rounding, as a filter leaves them of an input at rest, are one
-    points = np.unique(np.round(points / width, SETTINGS.digits), axis=0) * width
+    points = np.unique(np.round(points / width, _DIGITS), axis=0) * width
     return [
         UnknownFunction(shape.channels, _knots(points, count), shape.of_product, shape.reference)
         for count in counts
-        if len(points) > SETTINGS.samples_a_knot * count
+        if len(points) > SAMPLES_A_KNOT * count
     ]
 
 
@@ -268,7 +279,7 @@ def _knots(points: Array, count: int) -> tuple[tuple[float, ...], ...]:
     most of whose values are small, would have no knots where it is large.
     """
     if points.shape[1] == 1:
-        tails = np.quantile(points, [SETTINGS.outer, 1.0 - SETTINGS.outer])
+        tails = np.quantile(points, [_OUTER, 1.0 - _OUTER])
         values = np.sort(points[:, 0])
         values = values[(values >= tails[0]) & (values <= tails[1])]
         midway = (values - values[0]) / np.ptp(values) + np.linspace(0.0, 1.0, len(values))

@@ -15,8 +15,12 @@ from swsysid._data.records import Records
 from swsysid._noise import robust_scale
 from swsysid._pipelines import switching_step, with_parameters
 from swsysid._results import Array
-from swsysid.effects._base import SETTINGS, Place, figure
+from swsysid.effects._base import Place, figure
 from swsysid.effects._types import ResetEffect, StructureEffect
+
+_FEWEST_JUMPS = 5
+_SURE_JUMP = 3.0  # errors of a single jump between two stays, where states were measured
+_SAME_CROSSING = 0.7  # share of the jumps; the others are gaps of the record
 
 Modes = NDArray[np.intp]
 
@@ -141,7 +145,7 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
     found = []
     for kind in kinds:
         own = (modes[first] == kind[0]) & (modes[last] == kind[1])
-        if own.sum() >= SETTINGS.fewest_jumps:
+        if own.sum() >= _FEWEST_JUMPS:
             state, move = (_without(part[own], difference[own]) for part in (before, moved))
             jumps = _Jumps(state, move, kind, n_explained=1, n_crossings=len(kinds))
             # The ends of stays have errors that all share: a reset is seen at each crossing. And a
@@ -151,8 +155,8 @@ def _between_stays(records: Records, velocity: Array, modes: Modes, target: int)
             late = half[own] * np.abs(difference[own]) + np.abs(bend[own])
             left = np.abs(moved[own] - jumps.slope * before[own])
             is_needed = np.median(np.abs(moved[own]) - late) > 0.0
-            is_enough = np.median(left - late) <= SETTINGS.sure_jump * jumps.error
-            if jumps.deviations >= SETTINGS.sure_jump and is_needed and is_enough:
+            is_enough = np.median(left - late) <= _SURE_JUMP * jumps.error
+            if jumps.deviations >= _SURE_JUMP and is_needed and is_enough:
                 found.append(jumps)
     return max(found, key=lambda jumps: jumps.gain, default=None)
 
@@ -195,7 +199,7 @@ def _surprising(records: Records, velocity: Array, modes: Modes, target: int) ->
         return None
     crossing = max(set(crossings), key=crossings.count)
     kept = np.array([one == crossing for one in crossings])
-    if kept.mean() < SETTINGS.same_crossing or kept.sum() < SETTINGS.fewest_jumps:
+    if kept.mean() < _SAME_CROSSING or kept.sum() < _FEWEST_JUMPS:
         return None
     moved = np.array(after)[kept] - np.array(before)[kept]
     return _Jumps(np.array(before)[kept], moved, crossing)

@@ -14,18 +14,23 @@ from scipy.fft import next_fast_len, rfft
 
 from swsysid._data.records import Records
 from swsysid._results import Array
-from swsysid.effects._base import (
-    LEVEL,
-    SETTINGS,
-    Effect,
-    Parameter,
-    Place,
-    figure,
-    products,
-    spread,
-)
+from swsysid.effects._base import LEVEL, Effect, Parameter, Place, figure, products, spread
 from swsysid.effects._characteristics import OfAChannel, OfRates
 from swsysid.effects._types import WithoutColumns
+
+_MOST_MONOMIALS = 60  # in several channels
+# Periods of a position in the range of the record.
+_FEWEST_RIPPLES = 6.0  # where the search for slow ones ends
+_MOST_PERIODS = 100.0
+_RIPPLES_A_PERIOD = 5.0  # numbers of periods scanned in one: a peak is two wide
+# Frequencies of a forcing.
+_MOST_FREQUENCIES = 200_000
+_FREQUENCIES_AT_ONCE = 4000  # in one scan, at most
+_N_PEAKS = 6  # of the spectrum of the trajectories whose frequencies are scanned
+_FREQUENCIES_A_PEAK = 2.5  # scanned in the width of a peak, one over the duration
+_FASTEST = 0.25  # of the sampling rate
+_FEWEST_PERIODS = 5.0  # in all trajectories: fewer are a drift or a slow feedback
+_SEEN_AGAIN = 2.0  # and in the time that they cover
 
 _FINE = 4  # frequencies of a transform in the width of a peak of one trajectory
 
@@ -74,7 +79,7 @@ class Polynomial(Effect):
             for channel in channels
         ]
         listed = products(channels, self.degree) + powers
-        return listed[: SETTINGS.most_monomials + len(powers)]
+        return listed[: _MOST_MONOMIALS + len(powers)]
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return (label,)
@@ -194,9 +199,9 @@ class Ripple(_Wave):
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         if self.period is not None:
             return (Parameter("period", np.array([self.period]), "{channel}", exact=True),)
-        width, most = spread(records.channel(place)) or 1.0, SETTINGS.most_periods
-        count = int(SETTINGS.ripples_a_period * (most - SETTINGS.fewest_ripples))
-        numbers = np.linspace(SETTINGS.fewest_ripples, most, count)
+        width, most = spread(records.channel(place)) or 1.0, _MOST_PERIODS
+        count = int(_RIPPLES_A_PERIOD * (most - _FEWEST_RIPPLES))
+        numbers = np.linspace(_FEWEST_RIPPLES, most, count)
         return (Parameter("period", width / numbers[::-1], "{channel}"),)
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
@@ -225,22 +230,22 @@ class PeriodicForcing(_Wave):
         lengths = records.durations
         slowest = max(
             0.7 / (max(lengths) or 1.0),
-            SETTINGS.fewest_periods / (sum(lengths) or 1.0),
-            SETTINGS.seen_again / (_seen(records) or 1.0),
+            _FEWEST_PERIODS / (sum(lengths) or 1.0),
+            _SEEN_AGAIN / (_seen(records) or 1.0),
         )
-        fastest, values = SETTINGS.fastest / records.step, np.empty(0)
+        fastest, values = _FASTEST / records.step, np.empty(0)
         if slowest < fastest:
-            count = int(SETTINGS.frequencies_a_peak * fastest * _duration(records))
-            values = np.linspace(slowest, fastest, min(max(count, 2), SETTINGS.most_frequencies))
+            count = int(_FREQUENCIES_A_PEAK * fastest * _duration(records))
+            values = np.linspace(slowest, fastest, min(max(count, 2), _MOST_FREQUENCIES))
         return (Parameter("frequency", values, "1/{time}"),)
 
     def shortlist(self, records: Records, place: Place, grid: Array, left: Array) -> Array:
         """Those about the highest peaks of the trajectories, which are wider than its own."""
         squares = power(records, left, grid[:, 0])
         own = float(np.mean(records.durations)) or 1.0
-        width = SETTINGS.frequencies_a_peak * _duration(records) / own
-        most = SETTINGS.frequencies_at_once // squares.shape[1]
-        return grid[likeliest(squares, max(1, min(int(SETTINGS.n_peaks * width), most)))]
+        width = _FREQUENCIES_A_PEAK * _duration(records) / own
+        most = _FREQUENCIES_AT_ONCE // squares.shape[1]
+        return grid[likeliest(squares, max(1, min(int(_N_PEAKS * width), most)))]
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return super().column_names("t", 2.0 * np.pi * theta[0])

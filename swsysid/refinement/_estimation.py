@@ -22,7 +22,6 @@ from swsysid.refinement._parameters import (
     output_of,
 )
 from swsysid.refinement._result import RefinementResult, robust_covariance
-from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._system import System, grid_of, substeps_for
 from swsysid.refinement._trajectories import (
@@ -34,6 +33,12 @@ from swsysid.refinement._trajectories import (
     observed_states,
     read_trajectories,
 )
+
+_N_SEGMENTS = 32  # a segment is a thirty-second of the data, ...
+_SHORTEST = 10  # ... but no fewer samples than decide about a state
+_MOST_ROUNDS = 3  # in which steps or the scale of a surface may turn out to need another look
+_DIVERGED = 1e3  # a state so many times larger than anything measured has diverged
+_TOLERANCE = 1e-8  # of the least squares
 
 
 class Estimation:
@@ -130,7 +135,7 @@ class Estimation:
         first = np.abs([states[0] for states in guess]).max(axis=0)
         limit = np.maximum(first, max(1.0, float(largest.max())))
         limit[measured] = np.maximum(largest[: len(measured)], first[measured])
-        bound = SETTINGS.diverged * np.where(limit > 0.0, limit, 1.0)
+        bound = _DIVERGED * np.where(limit > 0.0, limit, 1.0)
         self.spread = np.ones(n_states + records[0].u.shape[1])
         if len(measured) == n_states:
             return guess, bound
@@ -154,7 +159,7 @@ class Estimation:
     def _bounded(self, given: int | None) -> tuple[Rollouts, int]:
         """Segments on each of which the given model stays bounded, and their length."""
         n_steps = [len(record.t) - 1 for record in self.records]
-        chosen = given or max(SETTINGS.shortest, -(-sum(n_steps) // SETTINGS.n_segments))
+        chosen = given or max(_SHORTEST, -(-sum(n_steps) // _N_SEGMENTS))
         length = min(chosen, max(n_steps))
         while not (apart := self._begun(length)).bounded.all():
             if given is not None or length == 1:
@@ -196,7 +201,7 @@ class Estimation:
             whole = self._begun(self._whole)
             first = Segments.of(self.records, self.guess, self.length).first == 0
             best = whole.problem.begun(vector, best.starts[first])
-        for _ in range(SETTINGS.most_rounds):
+        for _ in range(_MOST_ROUNDS):
             best = self._fitted(best, max(1, max_nfev - self.nfev))
             vector, settled = self._settled(best.vector)
             if not settled:
@@ -236,7 +241,7 @@ class Estimation:
         if self.loss != "linear":
             scale = float(robust_scale(start.misfit)) or 1.0
             start = replace(start, problem=replace(start.problem, scale=scale))
-        found, answer = start.problem.least(start, max_nfev, SETTINGS.tolerance, self.integrated)
+        found, answer = start.problem.least(start, max_nfev, _TOLERANCE, self.integrated)
         self.nfev += answer.nfev
         self.status = Status.OPTIMAL if answer.status > 0 else Status.ITERATION_LIMIT
         return found

@@ -16,9 +16,10 @@ from swsysid._results import Array
 from swsysid._simulation.model import FittedModel, SwitchingModel
 from swsysid._stays.output_error import Parts, Sensor
 from swsysid._surfaces.surface import is_linear
-from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._stated import Output, StatedModel
 from swsysid.refinement._system import System, Values
+
+_ROUNDING = 1e-9  # by which a fitted law that another column is exactly may differ from it
 
 
 class Parametrization:
@@ -152,8 +153,8 @@ def fitted_and_free(coef: Array) -> NDArray[np.bool_]:
     A law that is one feature in every mode, such as q' = v, was exact in the data: it has none.
     """
     size, largest = np.abs(coef), coef.max(axis=2)
-    sums_up = np.abs(size.sum(axis=2) - 1.0) <= SETTINGS.rounding
-    exact = (sums_up & (np.abs(largest - 1.0) <= SETTINGS.rounding)).all(axis=0)
+    sums_up = np.abs(size.sum(axis=2) - 1.0) <= _ROUNDING
+    exact = (sums_up & (np.abs(largest - 1.0) <= _ROUNDING)).all(axis=0)
     return np.asarray((coef != 0.0) & ~exact[:, None])
 
 

@@ -18,8 +18,14 @@ from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.rollouts import nowhere
 from swsysid._surfaces.surface import LinearForm, Surface, decisions_of, is_linear
-from swsysid.refinement._settings import SETTINGS
 from swsysid.refinement._stated import Output, ParametricLibrary
+
+# A step times the fastest rate of the model: the error of a Runge-Kutta step is its fifth power
+# over 120, 3e-6.
+_STEP_RATE = 0.2
+_MOST_SUBSTEPS = 50
+_MOST_ROWS = 500  # at which rates and sizes are looked at
+_STEP = 1e-6  # of a difference quotient, times the size of a parameter
 
 FAR = 1e100
 OfRows = Callable[[Array, Mapping[str, float]], Array]  # of rows and named parameters
@@ -105,7 +111,7 @@ class System:
             higher, lower = (of_rows(X, one) for one in both)
             return (higher - lower) / (2.0 * move)
 
-        return [(name, partial(by, name, SETTINGS.step * size)) for name, size in sizes.items()]
+        return [(name, partial(by, name, _STEP * size)) for name, size in sizes.items()]
 
     def guards(self, surface: Array, free: NDArray[np.bool_], spread: Array) -> Guards:
         """The surfaces between `classes`, for sizes of states and inputs."""
@@ -149,14 +155,14 @@ def substeps_for(laws: Laws, columns: Array, duration: float) -> int:
     """
     if laws.leaps:
         return 1
-    rows = np.unique(np.linspace(0, len(columns) - 1, SETTINGS.most_rows).astype(int))
+    rows = np.unique(np.linspace(0, len(columns) - 1, _MOST_ROWS).astype(int))
     rate, columns = 0.0, columns[rows]
     for mode in laws.modes:
         slopes = np.nan_to_num(laws.linear(mode, columns)[1].transpose(2, 1, 0))
         radius = np.abs(np.linalg.eigvals(slopes)).max(axis=1)
         rate = max(rate, float(np.quantile(radius, 0.9)))
-    steps = np.ceil(duration * rate / SETTINGS.step_rate)
-    return int(np.clip(steps, 1, SETTINGS.most_substeps))
+    steps = np.ceil(duration * rate / _STEP_RATE)
+    return int(np.clip(steps, 1, _MOST_SUBSTEPS))
 
 
 def _decisions_as_guards(surface: Surface, spread: Array) -> Guards:

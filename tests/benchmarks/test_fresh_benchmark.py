@@ -18,6 +18,7 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid.datasets import unlisted_kinds
 from swsysid.datasets._undeclared.make import planted_record
 from swsysid.datasets._undeclared.simulation import reference_run
+from swsysid.effects import _base, _bristles, _characteristics
 
 
 def test_a_record_follows_from_its_number():
@@ -135,13 +136,17 @@ def test_a_constant_is_changed_in_every_room_and_is_its_own_again():
     with Change("gain_a_row", 2.0).made():
         assert seen_elsewhere.gain_a_row == 2.0 * own
     assert SETTINGS.gain_a_row == own
+    own = _base.N_LEVELS
+    with Change("N_LEVELS", 0.5).made():
+        assert _base.N_LEVELS == _bristles.N_LEVELS == _characteristics.N_LEVELS == own // 2
+    assert _base.N_LEVELS == _bristles.N_LEVELS == _characteristics.N_LEVELS == own
 
 
 def test_a_share_near_one_stays_below_one_and_a_count_is_whole():
     assert Change("sure", 2.0).value == pytest.approx(0.9)
     assert Change("sure", 0.5).value == pytest.approx(0.975)
     assert Change("n_folds", 0.5).value == 2
-    assert {"gain_a_row", "n_levels"} <= set(constants()) and "knots" not in constants()
+    assert {"gain_a_row", "N_LEVELS"} <= set(constants()) and "_KNOTS" not in constants()
 
 
 def test_constants_that_change_an_answer_come_first_and_the_others_are_named():

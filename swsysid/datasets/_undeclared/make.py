@@ -15,9 +15,11 @@ from swsysid._results import Array
 from swsysid.datasets._generated import MOST_ROWS, check_disturbance, disturbed
 from swsysid.datasets._undeclared.kinds import KINDS
 from swsysid.datasets._undeclared.plants import PLANTS
-from swsysid.datasets._undeclared.records import SETTINGS, Plant, PlantedEffect
+from swsysid.datasets._undeclared.records import Plant, PlantedEffect
 from swsysid.datasets._undeclared.simulation import Planted, Run, Sizing, campaign
 from swsysid.datasets._undeclared.unlisted import UNLISTED, UnlistedEffect, channels_of, strange
+
+_GAP = 10  # samples from the end of a trajectory to the begin of the next
 
 Rows = NDArray[np.intp]
 
@@ -209,7 +211,7 @@ def planted_record(
 def _clock(plant: Plant, n_samples: int, n_trajectories: int) -> Array:
     """Times of trajectories one after another, all on one clock: (n_times, 2 n_trajectories)."""
     n_times = -(-n_samples // n_trajectories)
-    begins = (n_times + SETTINGS.gap) * np.arange(2 * n_trajectories)
+    begins = (n_times + _GAP) * np.arange(2 * n_trajectories)
     return plant.time_step * np.add.outer(np.arange(n_times, dtype=float), begins)
 
 

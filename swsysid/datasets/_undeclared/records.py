@@ -20,33 +20,6 @@ Modes = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Numbers that hold for every plant."""
-
-    # -- campaigns: logged channels, sines of a multisine, samples from the end of a trajectory to
-    # the begin of the next, and times and trajectories of the run that sizes are relative to
-    n_signals: int = 3
-    n_sines: int = 6
-    gap: int = 10
-    reference: tuple[int, int] = (250, 20)
-
-    # -- how large effects are made
-    # of the velocity's standard deviation, for magnitude 1
-    share: tuple[float, float] = (0.2, 0.3)
-    # share of effects of memory, relative to others: these should last some samples
-    slow: float = 1.4
-    shortest: int = 2  # samples of a delay or a time constant
-    longest: int = 15
-    n_bisections: int = 16
-
-    # -- unlisted disturbances: samples after which the memory of one has fallen to a third
-    memory: tuple[float, float] = (15.0, 50.0)
-
-
-SETTINGS = Settings()
-
-
-@dataclass(frozen=True)
 class PlantedEffect:
     """One effect that the plant has and the declared model lacks, with its true values.
 

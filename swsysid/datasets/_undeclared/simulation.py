@@ -15,15 +15,18 @@ from numpy.random import RandomState
 
 from swsysid._results import Array
 from swsysid._simulation.stepping import runge_kutta
-from swsysid.datasets._undeclared.records import (
-    SETTINGS,
-    Drive,
-    Equation,
-    Mechanism,
-    Modes,
-    Plant,
-    Terms,
-)
+from swsysid.datasets._undeclared.records import Drive, Equation, Mechanism, Modes, Plant, Terms
+
+# A campaign.
+_N_SIGNALS = 3  # logged channels
+_N_SINES = 6  # of a multisine
+# How large effects are made.
+_REFERENCE = (250, 20)  # times and trajectories of the run that sizes are relative to
+_SHARE = (0.2, 0.3)  # of the velocity's standard deviation, for magnitude 1
+_SLOW = 1.4  # share of effects of memory, relative to others: these should last some samples
+_SHORTEST = 2  # samples of a delay or a time constant
+_LONGEST = 15
+_N_BISECTIONS = 16
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Run:
 @cache
 def reference_run(plant: Plant) -> Run:
     """A run of a plant without effects, the same for every seed: what sizes are relative to."""
-    return campaign(plant, (), np.zeros(SETTINGS.reference), np.random.RandomState(0))
+    return campaign(plant, (), np.zeros(_REFERENCE), np.random.RandomState(0))
 
 
 def campaign(plant: Plant, mechanisms: Sequence[Mechanism], t: Array, rng) -> Run:
@@ -52,9 +55,7 @@ def campaign(plant: Plant, mechanisms: Sequence[Mechanism], t: Array, rng) -> Ru
     of each substep.
     """
     u = _excitation(plant.drive, t.shape, rng)
-    signals = np.stack(
-        [_multisine(plant.drive, t.shape, rng) for _ in range(SETTINGS.n_signals)], axis=-1
-    )
+    signals = np.stack([_multisine(plant.drive, t.shape, rng) for _ in range(_N_SIGNALS)], axis=-1)
     law = _TrueLaw(plant, mechanisms)
     n_parts = 1 if plant.discrete else 2 * plant.substeps  # half substeps, for Runge-Kutta
     fine_u, fine_t, fine_signals = (_refined(values, n_parts) for values in (u, t, signals))
@@ -157,12 +158,12 @@ def _excitation(drive: Drive, shape: tuple[int, ...], rng) -> Array:
 
 def _multisine(drive: Drive, shape: tuple[int, ...], rng) -> Array:
     """Sines of periods in a band, random phases; variance 1."""
-    each = (1, shape[1], SETTINGS.n_sines)
+    each = (1, shape[1], _N_SINES)
     slow, fast = 2 * np.pi / drive.periods[1], 2 * np.pi / drive.periods[0]
     frequencies = np.exp(rng.uniform(np.log(slow), np.log(fast), each))
     phases = rng.uniform(0, 2 * np.pi, each)
     times = np.arange(shape[0])[:, np.newaxis, np.newaxis]
-    return np.sin(frequencies * times + phases).sum(axis=2) * np.sqrt(2 / SETTINGS.n_sines)
+    return np.sin(frequencies * times + phases).sum(axis=2) * np.sqrt(2 / _N_SINES)
 
 
 @dataclass(frozen=True)
@@ -191,7 +192,7 @@ class Sizing:
     ):
         self.plant, self.rng, self.reference = plant, rng, reference_run(plant)
         self.magnitude, self.target, self.mode, self.duration = magnitude, target, mode, duration
-        self.share = magnitude * rng.uniform(*SETTINGS.share)
+        self.share = magnitude * rng.uniform(*_SHARE)
         self.scale = self.reference.velocities.std(axis=(0, 1))
         self.largest_input = float(np.abs(self.reference.u).max())
         modes = self.reference.modes
@@ -238,7 +239,7 @@ class Sizing:
         if self._size(make(upper).mechanism) <= share:
             return upper
         low, high = 0.0, upper
-        for _ in range(SETTINGS.n_bisections):
+        for _ in range(_N_BISECTIONS):
             middle = (low + high) / 2
             small = self._size(make(middle).mechanism) < share
             low, high = (middle, high) if small else (low, middle)
@@ -247,8 +248,8 @@ class Sizing:
     def solved_time(self, make: Callable[[float], Planted], whole: bool) -> float:
         """Delay or time constant for which an effect has the right size; `whole` samples or not."""
         step = self.plant.time_step
-        time = self.solved(make, SETTINGS.longest * step, SETTINGS.slow * self.share)
-        time = max(time, SETTINGS.shortest * step)
+        time = self.solved(make, _LONGEST * step, _SLOW * self.share)
+        time = max(time, _SHORTEST * step)
         return step * round(time / step) if whole else time
 
     def _size(self, mechanism: Mechanism) -> float:

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from swsysid._results import Array
-from swsysid.datasets._undeclared.records import SETTINGS, Equation, Plant, Terms
+from swsysid.datasets._undeclared.records import Equation, Plant, Terms
 from swsysid.datasets._undeclared.simulation import Sizing
+
+# Samples after which the memory of an unlisted disturbance has fallen to a third.
+_MEMORY = (15.0, 50.0)
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ def _course(size: Sizing, kind: str) -> Callable[..., Array]:
     """A function of time, drawn once for all the record."""
     rng, step = size.rng, size.plant.time_step
     grid = step * np.arange(-1, round(size.duration / step) + 2)
-    memory = rng.uniform(*SETTINGS.memory)
+    memory = rng.uniform(*_MEMORY)
     if kind == "random_disturbance":
         kept = np.exp(-1.0 / memory)
         shocks = np.sqrt(1.0 - kept**2) * rng.standard_normal(len(grid))
