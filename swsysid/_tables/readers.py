@@ -34,21 +34,13 @@ def read_table(
     """
     path = Path(path)
     kind = _kind(path)
-    try:
-        path.stat()
-    except FileNotFoundError:
-        pass  # that is said below, with what is there instead
-    except (OSError, ValueError) as error:
-        raise TableError(f"{str(path)[:60]!r} is no name that a file can have.") from error
-    if path.is_dir():
-        raise TableError(f"{path} is a folder; name one recording in it.")
+    _check_name(path)
     if kind not in _READERS:
         raise TableError(
             f"{path.name} is no {', '.join(_READERS)} file; save the recording as one of these "
             "(text may be compressed: .csv.gz)."
         )
-    if not path.is_file():
-        raise TableError(f"There is no file {path}; {_beside(path)}.")
+    check_place(path)
     try:
         table = _READERS[kind](path, missing)
     except Exception as error:  # each reader breaks in ways of its own on files of another kind
@@ -58,6 +50,24 @@ def read_table(
     for name in units or {}:
         table.resolve(name)
     return table
+
+
+def check_place(path: Path, is_folder: bool = False) -> None:
+    """Refuse what is no file, or no folder where the format is one."""
+    _check_name(path, is_folder)
+    if not is_folder and not path.is_file():
+        raise TableError(f"There is no file {path}; {_beside(path)}.")
+
+
+def _check_name(path: Path, is_folder: bool = False) -> None:
+    try:
+        path.stat()
+    except FileNotFoundError:
+        pass  # that is said where it is looked for, with what is there instead
+    except (OSError, ValueError) as error:
+        raise TableError(f"{str(path)[:60]!r} is no name that a file can have.") from error
+    if path.is_dir() and not is_folder:
+        raise TableError(f"{path} is a folder; name one recording in it.")
 
 
 def _kind(path: Path) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._rendering.printing import text_table
-from swsysid._tables.loggers import read_tables
+from swsysid._tables.formats import DATABASES, read_tables
 from swsysid._tables.table import Table, TableError
 
 if TYPE_CHECKING:
@@ -98,14 +98,15 @@ def read_recordings(
     Where every file has all the columns, each is a run. Where the columns are spread over the
     files, these are channels of one run: on one clock, or each on its own; a state then has no
     value (NaN) at the times of the others, and nothing is interpolated. Inputs are needed at every
-    time. Of the files of loggers (MDF, TDMS, HDF5 and MATLAB 7.3) each group of channels keeps its
-    own instants in the same way.
+    time. Of the files of loggers (MDF, TDMS, HDF5, MATLAB 7.3, ULog, ROS bags, MCAP, COMTRADE, CAN)
+    each group of channels keeps its own instants in the same way; results of Modelica tools are
+    read by their names, and an FMU is run by FMPy.
 
     Parameters
     ----------
     paths : str, path or sequence of them
         Files, or patterns such as ``"runs/*.csv"``, whose files are taken in the order of the
-        numbers in their names.
+        numbers in their names. The database of a CAN bus (.dbc) is named with its logs.
     states, inputs : sequence of str
         Columns.
     time : str, default=None
@@ -143,7 +144,11 @@ def read_recordings(
     wanted = [*states, *inputs]
     if not states:
         raise TableError("states names no column; name those of the states.")
-    files = [read_tables(path, missing) for path in _found(paths)]
+    found = _found(paths)
+    described = [path for path in found if path.suffix.lower() in DATABASES]
+    files = [read_tables(path, missing, described) for path in found if path not in described]
+    if not files:
+        raise TableError("paths names the database of a bus and no log; name that too.")
     files = [[_with_units(table, units or {}) for table in tables] for tables in files]
     lacking = [_lacking(tables, wanted) for tables in files]
     if not any(lacking):

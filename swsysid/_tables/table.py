@@ -10,6 +10,7 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +143,19 @@ class Table:
     def labels(self, name: str) -> NDArray:
         """A column of any type, such as the names of trajectories."""
         return self.columns[self.resolve(name)]
+
+
+def on_clock(
+    path: Path,
+    t: NDArray,
+    columns: Mapping[str, NDArray],
+    units: Mapping[str, str],
+    remarks: Sequence[str] = (),
+) -> Table:
+    """Channels of a file that share a clock; their instants are the column ``t``."""
+    known = {name: unit for name, unit in units.items() if unit}
+    content = {"t": np.asarray(t, dtype=float), **columns}
+    return Table(path.name, content, known, remarks=tuple(remarks))
 
 
 # Pairs of which everybody knows which is 0 and which is 1. What closes a circuit closes a valve as

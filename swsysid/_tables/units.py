@@ -32,8 +32,9 @@ SECONDS = {
     }.items()
     for name in names.split()
 }
-# der(x) is no x in units of der: tools of Modelica name the derivative of a state so.
-_BRACKET = re.compile(r"(?<!\bder)\s*[\[(]([^\])]*)[\])]\s*$")
+# der(x) is no x in units of der: tools of Modelica name the derivative of a state so. Nor is the
+# 0 of q[0] a unit.
+_BRACKET = re.compile(r"(?<!\bder)(?:\s+|(?![\[(]\d))[\[(]([^\])]*)[\])]\s*$")
 
 
 def without_unit(name: str) -> str:

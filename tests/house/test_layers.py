@@ -27,7 +27,8 @@ _saving diagnosis plotting report results __init__ _cli __main__
 """.split()
 MAX_LINES = 400
 HEAVY = {"cvxpy", "pysindy", "matplotlib", "pandas", "pooch", "statsmodels", "dask", "distributed",
-         "sympy", "control", "casadi", "asammdf", "nptdms", "h5py"}  # fmt: skip
+         "sympy", "control", "casadi", "asammdf", "nptdms", "h5py",
+         "pyulog", "rosbags", "comtrade", "can", "cantools", "fmpy"}  # fmt: skip
 FILES = sorted(
     path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py")
 )

@@ -14,10 +14,10 @@ from lower_bounds import constraints
 import swsysid
 
 ROOT = Path(__file__).parents[2]
-_IMPORTED_AS = {"scikit-learn": "sklearn"}
+_IMPORTED_AS = {"scikit-learn": "sklearn", "python-can": "can"}
 # extras of users
 _OPTIONAL = ("plot", "excel", "parquet", "dask", "pysindy", "sympy", "control", "casadi",
-             "mdf", "tdms", "hdf5")  # fmt: skip
+             "mdf", "tdms", "hdf5", "ulog", "ros", "comtrade", "can", "fmu")  # fmt: skip
 CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 

@@ -1,0 +1,59 @@
+"""Logs of a CAN bus, decoded by a database: each message is a table with its own instants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from swsysid._tables.table import Table, TableError, on_clock
+
+
+def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
+    """Messages, their signals called ``message.signal``; seconds since the first frame of the log.
+
+    Named values stay the numbers that they stand for, and which those are is said. Frames that the
+    database does not know are counted.
+    """
+    if not described:
+        raise TableError(
+            f"{path.name} holds frames of a bus, and only a database says what they mean: name its "
+            ".dbc file too."
+        )
+    import can
+    import cantools
+
+    database = cantools.database.Database(strict=False)
+    for one in described:
+        database.add_dbc_file(str(one))
+    found: dict[tuple[str, tuple[str, ...]], tuple[list[float], list[tuple]]] = {}
+    first, unknown = None, 0
+    with can.LogReader(str(path)) as log:
+        for frame in log:
+            first = frame.timestamp if first is None else first
+            if frame.is_error_frame or frame.is_remote_frame:
+                continue
+            try:
+                message = database.get_message_by_frame_id(frame.arbitration_id)
+                values = message.decode(bytes(frame.data), decode_choices=False)
+            except (KeyError, cantools.database.DecodeError):
+                unknown += 1
+                continue
+            t, rows = found.setdefault((message.name, tuple(values)), ([], []))
+            t.append(frame.timestamp - first)
+            rows.append(tuple(values.values()))
+    told = [f"Frames that the database does not know: {unknown:,}."] if unknown else []
+    for (name, signals), (t, rows) in found.items():
+        known = {one.name: one for one in database.get_message_by_name(name).signals}
+        words = [
+            f"{name}.{signal}: " + ", ".join(f"{int(n)} is {word}" for n, word in choices.items())
+            for signal in signals
+            if (choices := known[signal].choices)
+        ]
+        columns = {
+            f"{name}.{signal}": np.array(values)
+            for signal, values in zip(signals, zip(*rows, strict=True), strict=True)
+        }
+        units = {f"{name}.{signal}": known[signal].unit or "" for signal in signals}
+        yield on_clock(path, np.array(t), columns, units, [*told, *words])

@@ -1,0 +1,232 @@
+"""Files of simulators, drones, robots, relays and buses: written by the formats' own packages where
+they write, and read back as what was planted."""
+
+import struct
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from swsysid import HybridAutomaton, read_recordings
+
+T = np.arange(0.0, 1.0, 0.125)  # exact in every clock of integers
+X, V = T**2, 2.0 * T
+
+
+def _characters(words, layout="binNormal"):
+    width = max(map(len, words))
+    rows = [word.ljust(width) for word in words]
+    turned = ["".join(row) for row in zip(*rows, strict=True)]
+    return np.array(turned if layout == "binTrans" else rows)
+
+
+def _modelica(path, layout="binTrans"):
+    """x at two rows of one time, its alias, one of the other sign, and a parameter."""
+    t, x = np.append(T, T[-1]), np.append(X, 7.0)
+    names = ["time", "body.x", "alias", "minus", "m"]
+    parts = {
+        "name": _characters(names, layout),
+        "description": _characters(["Time in [s]", "place [m|mm]", "", "", "mass [kg]"], layout),
+        "dataInfo": np.array([[0, 1, 0, -1], [2, 2, 0, -1], [2, 2, 0, -1], [2, -2, 0, -1],
+                              [1, 2, 0, 0]], dtype=np.int32),
+        "data_1": np.array([[t[0], 3.0], [t[-1], 3.0]]),
+        "data_2": np.column_stack([t, x]),
+    }  # fmt: skip
+    if layout == "binTrans":
+        parts = {n: one.T if one.ndim == 2 else one for n, one in parts.items()}
+    savemat(path, {"Aclass": _characters(["Atrajectory", "1.1", "", layout]), **parts}, format="4")
+
+
+def _ulog(path):
+    """Two topics with clocks of their own, the second with an array."""
+
+    def message(kind, content):
+        return struct.pack("<HB", len(content), ord(kind)) + content
+
+    slow = [message("D", struct.pack("<HQ2f", 1, int(t * 1e6) + 10, 5.0, v))
+            for t, v in zip(T[::2], V[::2], strict=True)]  # fmt: skip
+    path.write_bytes(b"".join([
+        b"ULog\x01\x12\x35\x01", struct.pack("<Q", 0), message("B", bytes(40)),
+        message("F", b"state:uint64_t timestamp;float x;"),
+        message("F", b"rate:uint64_t timestamp;float[2] v;"),
+        message("A", struct.pack("<BH", 0, 0) + b"state"),
+        message("A", struct.pack("<BH", 0, 1) + b"rate"),
+        *(message("D", struct.pack("<HQf", 0, int(t * 1e6), x))
+          for t, x in zip(T, X, strict=True)),
+        *slow,
+    ]))  # fmt: skip
+
+
+def _ros(path):
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.LATEST)
+    kinds = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64"
+    stamped, plain = (store.types[kind] for kind in kinds)
+    time, head = (store.types[k] for k in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header"))
+    point, start = store.types["geometry_msgs/msg/Point"], 1_700_000_000 * 10**9
+    plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
+    folder = path.with_suffix("")
+    with Writer(folder, version=9, storage_plugin=plugin) as bag:
+        links = [bag.add_connection(topic, kind, typestore=store)
+                 for topic, kind in zip(("/rig/at", "/v"), kinds, strict=True)]  # fmt: skip
+        for t, x, v in np.transpose([T, X, V]).tolist():
+            ns = start + int(t * 1e9)
+            sent = stamped(head(time(ns // 10**9, ns % 10**9), ""), point(x, 0.0, 0.0))
+            # received a little late, which the stamps say
+            bag.write(links[0], ns + 3_000_000 * int(t > 0), store.serialize_cdr(sent, kinds[0]))
+            bag.write(links[1], ns, store.serialize_cdr(plain(v), kinds[1]))
+    if path.suffix == ".mcap":
+        [written] = folder.glob("*.mcap")
+        written.rename(path)
+    else:
+        folder.rename(path)
+
+
+def _comtrade(path):
+    """Eight samples a second; the second channel is skewed by 125 us."""
+    path.with_suffix(".dat").write_text(
+        "".join(f"{k + 1},,{round(x * 64)},{round(v * 8)},{k % 2}\n"
+                for k, (x, v) in enumerate(zip(X, V, strict=True)))
+    )  # fmt: skip
+    path.write_text(
+        "station,1,1999\n3,2A,1D\n1,x,,,m,0.015625,0,0,-32767,32767,1,1,P\n"
+        "2,v,,,m/s,0.125,0,125,-32767,32767,1,1,P\n1,on,,,0\n50\n1\n8,8\n"
+        "01/01/2024,00:00:00.000000\n01/01/2024,00:00:00.000000\nASCII\n1\n"
+    )
+
+
+DBC = """VERSION ""
+BU_: ECU
+BO_ 16 Body: 8 ECU
+ SG_ x : 0|32@1- (0.015625,0) [0|0] "m" ECU
+ SG_ Gear : 32|8@1+ (1,0) [0|0] "" ECU
+BO_ 17 Rate: 8 ECU
+ SG_ v : 0|16@1- (0.125,0) [0|0] "m/s" ECU
+VAL_ 16 Gear 0 "neutral" 1 "first" ;
+"""
+
+
+def _bus(path):
+    import can
+    import cantools
+
+    path.with_name("car.dbc").write_text(DBC)
+    database = cantools.database.load_string(DBC)
+    with can.Logger(str(path)) as log:
+        for k, (t, x, v) in enumerate(zip(T, X, V, strict=True)):
+            body = database.encode_message("Body", {"x": x, "Gear": k % 2})
+            rate = database.encode_message("Rate", {"v": v})
+            for moment, number, data in ((t, 16, body), (t + 0.0625, 17, rate)):
+                log(can.Message(timestamp=1000.0 + moment, arbitration_id=number, data=data,
+                                is_extended_id=False))  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", ["binTrans", "binNormal"])
+def test_modelica_results_by_name_alias_sign_and_parameter(layout, tmp_path):
+    _modelica(tmp_path / "plant.mat", layout)
+    runs = read_recordings(tmp_path / "plant.mat", states=["body.x", "alias", "minus", "m"])
+    [run] = runs
+    np.testing.assert_array_equal(run["t"][-2:], T[-1])  # the limits of an event
+    x, alias, minus, m = run["x"].to_numpy().T
+    np.testing.assert_array_equal(x, np.append(X, 7.0))
+    np.testing.assert_array_equal(alias, x)
+    np.testing.assert_array_equal(minus, -x)
+    assert (m == 3.0).all() and [one.unit for one in runs.columns] == ["m", "", "", "kg"]
+
+
+def test_results_of_dymola_beside_another_reader():
+    reader = pytest.importorskip("buildingspy.io.outputfile")
+    import buildingspy
+
+    path = Path(buildingspy.__file__).parent / "examples" / "dymola" / "PlotDemo.mat"
+    other = reader.Reader(str(path), "dymola")
+    names = [name for name in other.varNames() if not name.startswith("Time")]
+    [run] = read_recordings(path, states=names)
+    for name in names:
+        t, values = other.values(name)
+        mine = run["x"][name].to_numpy()
+        np.testing.assert_array_equal(mine if len(t) > 2 else mine[[0, -1]], values)
+
+
+@pytest.mark.parametrize(("write", "name", "columns", "late"), [
+    (_ulog, "flight.ulg", ["state.x", "rate.v[1]"], 1e-5),
+    (_ros, "run.mcap", ["rig.at.point.x", "v.data"], 0.0),
+    (_ros, "bag", ["rig.at.point.x", "v.data"], 0.0),
+    (_comtrade, "relay.cfg", ["x", "v"], 1.25e-4),
+    (_bus, "drive.blf", ["x", "Rate.v"], 0.0625), (_bus, "drive.asc", ["x", "v"], 0.0625),
+    (_bus, "drive.log", ["x", "v"], 0.0625),
+])  # fmt: skip
+def test_channels_keep_their_own_instants(write, name, columns, late, tmp_path):
+    write(tmp_path / name)
+    [run] = read_recordings([tmp_path / name, *tmp_path.glob("*.dbc")], states=columns)
+    for k, (values, shift) in enumerate(((X, 0.0), (V, late))):
+        found = run["x"].iloc[:, k].to_numpy()
+        here = np.isfinite(found)
+        every = 2 if write is _ulog and k else 1
+        # seconds of 1970 are told to 2e-7 by a double
+        np.testing.assert_allclose(run["t"][here], T[::every] + shift, atol=5e-7)
+        np.testing.assert_array_equal(found[here], values[::every])
+
+
+def test_named_values_of_a_bus_are_their_numbers(tmp_path):
+    pytest.importorskip("cantools")
+    _bus(tmp_path / "drive.blf")
+    files = [tmp_path / "drive.blf", tmp_path / "car.dbc"]
+    [run] = read_recordings(files, states=["x"], inputs=["Gear"])
+    np.testing.assert_array_equal(run["inputs"]["Gear"], np.arange(len(T)) % 2)
+    for paths, words in ((files[:1], "name its .dbc"), (files[1:], "no log")):
+        with pytest.raises(ValueError, match=words):
+            read_recordings(paths, states=["x"])
+
+
+def test_a_unit_is_run_and_read(tmp_path):
+    pytest.importorskip("fmpy")
+    stated = HybridAutomaton.stated(
+        [{"T": "-0.5 (T - 30)"}, {"T": "-0.5 (T - 10)"}],
+        [(0, 1, "T >= 22"), (1, 0, "T <= 20")], states=["T"],
+    )  # fmt: skip
+    stated.to_fmu(tmp_path / "plant.fmu")
+    [run] = read_recordings(tmp_path / "plant.fmu", states=["T"], time="time")
+    assert len(run["t"]) > 100
+    done = stated.simulate(run["x"].to_numpy()[0], run["t"], mode=0)
+    np.testing.assert_allclose(run["x"]["T"], done.x[:, 0], atol=1e-3)
+
+
+# python-can leaves open what it could not read
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize(("write", "name"), [
+    (_modelica, "plant.mat"), (_ulog, "flight.ulg"), (_ros, "run.mcap"), (_comtrade, "relay.cfg"),
+    (_bus, "drive.blf"),
+])  # fmt: skip
+def test_cut_foreign_and_missing_files_are_one_sentence(write, name, tmp_path):
+    write(tmp_path / name)
+    others = list(tmp_path.glob("*.dbc"))
+    content = (tmp_path / name).read_bytes()
+    for number, wrong in enumerate((content[: len(content) // 20], b"t,x\n0,1\n")):
+        path = tmp_path / f"{number}_{name}"
+        path.write_bytes(wrong)
+        with pytest.raises(ValueError, match=path.name) as told:
+            read_recordings([path, *others], states=["x"])
+        assert "\n" not in str(told.value)
+    with pytest.raises(ValueError, match="There is no file"):
+        read_recordings([tmp_path / f"absent_{name}", *others], states=["x"])
+    with pytest.raises(ValueError, match="has no column 'wrong'; its columns are: "):
+        read_recordings([tmp_path / name, *others], states=["wrong"])
+
+
+@pytest.mark.parametrize(("name", "package", "words"), [
+    ("a.ulg", "pyulog", "ulog"), ("a.bag", "rosbags", "ros"), ("a.cfg", "comtrade", "comtrade"),
+    ("a.blf", "can", "can"), ("a.fmu", "fmpy", "fmu"),
+])  # fmt: skip
+def test_the_extra_of_a_format_is_named(name, package, words, tmp_path, monkeypatch):
+    for loaded in [one for one in sys.modules if one.split(".")[0] == package]:
+        monkeypatch.delitem(sys.modules, loaded)
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / name).write_bytes(b"anything")
+    (tmp_path / "a.dbc").write_text(DBC)
+    with pytest.raises(ValueError, match=rf"swsysid\[{words}\]"):
+        read_recordings([tmp_path / name, tmp_path / "a.dbc"], states=["x"])
