@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
@@ -48,13 +47,11 @@ def read_ros(path: Path, described: Sequence[Path]) -> Iterator[Table]:
 
 def _numbers(messages: Sequence[object]) -> Iterator[tuple[str, NDArray]]:
     """The numbers in some messages of one type, by their place in it."""
-    names = list(_places(messages[0], ""))
-    for name in names:
+    for name in _places(messages[0], ""):
         values = list(map(attrgetter(name), messages))
-        lengths = {key for key, _ in groupby(np.size(value) for value in values)}
         if np.ndim(values[0]) == 0:
             yield name, np.array(values)
-        elif len(lengths) == 1 and 0 < np.size(values[0]) <= _LONGEST:
+        elif len(set(map(len, values))) == 1 and 0 < np.size(values[0]) <= _LONGEST:
             for place, column in enumerate(np.array(values).T):
                 yield f"{name}_{place}", column
 
