@@ -36,7 +36,7 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
                 continue
             try:
                 message = database.get_message_by_frame_id(frame.arbitration_id)
-                values = message.decode(bytes(frame.data), decode_choices=False)
+                values = message.decode_simple(bytes(frame.data), decode_choices=False)
             except (KeyError, cantools.database.DecodeError):
                 unknown += 1
                 continue

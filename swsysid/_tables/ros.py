@@ -32,13 +32,13 @@ def read_ros(path: Path, described: Sequence[Path]) -> Iterator[Table]:
                 message = bag.deserialize(raw, connection.msgtype)
                 found.setdefault(connection.topic, []).append((received, message))
         for topic, told in found.items():
-            received = np.array([instant for instant, _ in told])
+            arrived = np.array([instant for instant, _ in told])
             messages = [message for _, message in told]
             columns = dict(_numbers(messages))
-            t = (received - bag.start_time) * 1e-9
+            t: NDArray = (arrived - bag.start_time) * 1e-9
             if set(_STAMP) <= set(columns):
                 seconds, nano = (columns.pop(name).astype(np.int64) for name in _STAMP)
-                stamp = (seconds * 10**9 + nano - bag.start_time) * 1e-9
+                stamp: NDArray = (seconds * 10**9 + nano - bag.start_time) * 1e-9
                 t = stamp if 0.0 <= np.median(stamp) <= t[-1] else t
             if columns:
                 label = topic.strip("/").replace("/", ".")
