@@ -10,6 +10,7 @@ _IN_NAMES = frozenset(
     "m cm mm um km s ms us min Hz kHz rad deg rpm V mV kV A mA N kN Nm Pa kPa MPa bar W kW mW "
     "J kJ K degC kg mol Ohm".split()
 )
+_WAYS = frozenset("m cm mm um km rad deg".split())
 # In a row of their own the single letters, signs and words are units as well.
 _IN_ROWS = _IN_NAMES | frozenset(
     "- 1 % C F T g d h H L l nm mN uV uA MN Mbar mbar hPa hr deg/s ° °C °F Ω µm µs µV µA".split()
@@ -64,6 +65,8 @@ def unit_of(name: str) -> str:
     --------
     >>> [unit_of(name) for name in ("v_m_per_s", "a_m_per_s2", "force [N]", "T_box", "v_in_per_s")]
     ['m/s', 'm/s^2', 'N', '', '']
+    >>> [unit_of(name) for name in ("v_m_s", "w_deg_s", "a_m_s2", "work_N_m", "pulse_N_s")]
+    ['m/s', 'deg/s', 'm/s^2', 'N m', 'N s']
     >>> [unit_of(name) for name in ("h(m)", "der(h)", "der(h) [m/s]")]
     ['m', '', 'm/s']
     """
@@ -75,7 +78,7 @@ def unit_of(name: str) -> str:
         groups = [group.split("_") for group in "_".join(parts[start:]).split("_per_")]
         symbols = [[_symbol(part) for part in group] for group in groups]
         if all(all(group) for group in symbols):
-            return "/".join(" ".join(group) for group in symbols)
+            return "/".join(_told(group) for group in symbols)
     return ""
 
 
@@ -94,6 +97,13 @@ def rate_unit(unit: str, time_unit: str) -> str:
     if slash and base == time_unit:
         return f"{head}/{base}^{int(power or 1) + 1}"
     return f"{unit}/{time_unit}"
+
+
+def _told(symbols: list[str]) -> str:
+    """A product of units; a length or an angle and a time are a speed."""
+    if len(symbols) == 2 and symbols[0] in _WAYS and symbols[1].partition("^")[0] in SECONDS:
+        return "/".join(symbols)
+    return " ".join(symbols)
 
 
 def _symbol(part: str) -> str:
