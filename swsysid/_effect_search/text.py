@@ -57,19 +57,8 @@ def _outcome(report: EffectContents, units: Units) -> str:
     if not report.n_held_out:
         _, _, enough = report.held_out.partition(": ")
         return f"Nothing was searched: the record is too short to hold any of it out. {enough}"
-    if not report.effects and report.time_interval is not None:
-        return f"No effect that was looked for is missing at all times. {aside(report)}"
-    if not report.effects and report.acts_rarely:
-        return f"No effect that was looked for is missing, but a law acts rarely. {aside(report)}"
-    if not report.effects and not report.alarms and _leaves_noise(report):
-        if _holds_freely(report):
-            return "No effect is missing as far as these data show."
-        return (
-            "No effect that was looked for is missing and velocities leave nothing but noise, but "
-            "free rollouts of the model leave more: see what is said of them."
-        )
     if not report.effects:
-        return "No effect that was looked for is missing; what is left over is not all noise."
+        return _nothing_found(report)
     others = len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
     name = effect_title(report.effects[0], report)
@@ -77,6 +66,25 @@ def _outcome(report: EffectContents, units: Units) -> str:
     name += when(report.effects[0])
     name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
     return f"{name}: {_fall(report, 'with them' if others else 'with it', units)}."
+
+
+def _nothing_found(report: EffectContents) -> str:
+    """What equations that are not exact leave, and free rollouts of recordings held out."""
+    none = "No effect that was looked for is missing"
+    if report.time_interval is not None:
+        return f"{none} at all times. {aside(report)}"
+    if report.acts_rarely:
+        return f"{none}, but a law acts rarely. {aside(report)}"
+    left, free = report.residual_before, report.data and report.data.free
+    velocities, rollouts = left is None or left.clean, not free or free.holds
+    if report.alarms or not (velocities or (rollouts and report.of_rollouts)):
+        return f"{none}; what is left over is not all noise."
+    if velocities and rollouts:
+        return "No effect is missing as far as these data show."
+    both = ("free rollouts of the model", "velocities")
+    more, only = both if velocities else reversed(both)
+    told = f"{only} leave nothing but noise, but {more} leave more"
+    return f"{none} and {told}: see what is said of them."
 
 
 def _fall(report: EffectContents, with_them: str, units: Units) -> str:
@@ -139,18 +147,6 @@ def at_rest(report: EffectContents) -> str:
     if not report.n_may_stick:
         return ""
     return f" At {report.n_may_stick} of them it may stick, and no error there counts."
-
-
-def _leaves_noise(report: EffectContents) -> bool:
-    """True if nothing but noise is left of the equations that are not exact."""
-    left = report.residual_before
-    return left is None or left.clean
-
-
-def _holds_freely(report: EffectContents) -> bool:
-    """False if free rollouts of recordings held out leave more than noise."""
-    free = None if report.data is None else report.data.free
-    return free is None or free.holds
 
 
 def _risen(report: EffectContents) -> list[str]:

@@ -41,7 +41,7 @@ MOST_LINES = {
     "_discrete_stays": 2110,
     "_displays": 1590,
     "_effect_model": 2410,
-    "_effect_search": 9060,
+    "_effect_search": 9050,
     "effects": 3950,
     "exporting": 2710,
     "_free_rollouts": 840,
