@@ -19,6 +19,7 @@ from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._data.trajectories import places_along
+from swsysid._known.known import check_known
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning
@@ -92,6 +93,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
         What the inputs, or each of them, do between two samples, as of `TrajectoryIdentifier`. In
         discrete time every row acts.
+    known : Known or list of str, default=None
+        What is known of the laws before, as for `TrajectoryIdentifier`; in continuous time.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.
@@ -131,6 +134,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     refinement_ : AutomatonRefinement or None
         What `refine` gained, and standard errors of laws, guards and resets; None where there was
         nothing to refine: no noise, or no transition.
+    known_ : tuple of KnownCheck
+        For each thing `known` what the recordings would rather have, by the laws of the stays.
     report_ : AutomatonReport
     verdict_ : SwitchingVerdict
         Whether the modes are to be believed, as that of `TrajectoryIdentifier`.
@@ -194,6 +199,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         n_jobs=None,
         refine=True,
         input_hold="auto",
+        known=None,
         random_state=None,
         verbose=0,
     ):
@@ -208,6 +214,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.n_jobs = n_jobs
         self.refine = refine
         self.input_hold = input_hold
+        self.known = known
         self.random_state = random_state
         self.verbose = verbose
 
@@ -245,10 +252,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
-        if discrete and order == 2:
-            raise ValueError("order=2 is for continuous time; in discrete time set lags=1.")
-        refine = flag("refine", self.refine)
-        self._check_lags(discrete)
+        refine, laws_known = flag("refine", self.refine), check_known(self.known)
+        sampled.check_times(
+            discrete, order, self.lags, self.sparsity, self.input_hold, knows=bool(laws_known)
+        )
         if discrete and t is None and not isinstance(x, (list, dict)):
             n_rows = len(table("x", x, missing=True))
             t = np.arange(n_rows) if groups is None else places_along(groups)
@@ -257,8 +264,6 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
             raise ValueError(
                 "t repeats times, and in discrete time every row is a step; give one row for each."
             )
-        if discrete and self.input_hold != "auto":
-            raise ValueError("input_hold is for continuous time; in discrete time every row acts.")
         estimator, known = self._estimator(), (self.input_hold, self.settings)
         holds = () if discrete else holds_of(given, estimator, order, *known)
         held = given.stepped(holds)
@@ -271,8 +276,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
             else:
                 terms = GuardTerms(degree, self.unguarded_inputs)
                 found = continuous.identified(
-                    estimator, held, terms, self.settings, bar.update, order=order, refine=refine
-                )
+                    estimator, held, terms, self.settings, bar.update,
+                    order=order, refine=refine, known=laws_known,
+                )  # fmt: skip
         self.input_holds_ = tuple(map(str, holds))
         self._store(found, held)
         self._keep(given)
@@ -367,16 +373,6 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         held_out = HeldOutAutomata(stepped, split, fitted, self, laws)
         return Asked(held_out, self.feature_library, self.n_modes, AUTOMATON)
 
-    def _check_lags(self, discrete: bool) -> None:
-        whole("lags", self.lags, least=0, also=("auto",))
-        if not discrete and self.lags != 0:
-            raise ValueError(
-                f"lags={self.lags!r} is for discrete time; set discrete_time=True, or leave lags "
-                "at 0."
-            )
-        if discrete and self.sparsity is not None:
-            raise ValueError("sparsity is for continuous time; leave it at None.")
-
     def _store(self, found: IdentifiedAutomaton, given) -> None:
         self.automaton_ = found.automaton
         self.coef_, self.transitions_ = found.automaton.coef, found.automaton.transitions
@@ -387,6 +383,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.mode_selection_ = list(found.candidates)
         self.coef_errors_ = found.errors.coef
         self.guard_errors_, self.reset_errors_ = found.errors.guards, found.errors.resets
+        self.known_ = found.known
         self.equation_noise_ = None if found.noises is None else found.noises.equation
         held = hold_sentences(found.automaton.feature_map.names_in, self.input_holds_, given)
         asked = self.n_modes, self.max_modes

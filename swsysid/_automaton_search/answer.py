@@ -14,6 +14,7 @@ from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._discrete_stays.identify import KindsOfNoise
 from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._known.checks import KnownCheck
 from swsysid._results import Array
 
 
@@ -35,3 +36,4 @@ class IdentifiedAutomaton:
     n_unexplained: int = 0  # samples that no law explains
     refinement: AutomatonRefinement | None = None  # None where there was nothing to refine
     noises: KindsOfNoise | None = None  # in discrete time, where samples are not exact
+    known: tuple[KnownCheck, ...] = ()  # what the recordings would rather have

@@ -52,12 +52,14 @@ from swsysid._automaton_search.transitions import possible, transitions_of, with
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._known.known import Known
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.certainty import certainty
 from swsysid._stays.count import CountCandidate
 from swsysid._stays.given import Given, without_clipped
 from swsysid._stays.identification import StayIdentification
+from swsysid._stays.knowledge import Again, Knowledge, checked
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import (
     Pieces,
@@ -81,6 +83,7 @@ def identified(
     *,
     order: int = 1,
     refine: bool = True,
+    known: Known | None = None,
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings, of order 2 of positions; `terms` are those of the guards.
 
@@ -89,7 +92,9 @@ def identified(
     origin = Origin.of(given, estimator, order)
     given = given.with_rates(order)
     counted = origin.counted(given)
-    found = _identified(estimator, counted, terms, settings, told, origin, refine=refine)
+    found = _identified(
+        estimator, counted, terms, settings, told, Knowledge(known, origin), refine=refine
+    )
     return told_from(origin, found, given, estimator.feature_library)
 
 
@@ -99,13 +104,13 @@ def _identified(
     terms: GuardTerms,
     settings: StaySettings,
     told: Callable[[], object],
-    origin: Origin,
+    knowledge: Knowledge,
     *,
     refine: bool,
 ) -> IdentifiedAutomaton:
     """The same in columns counted from the origin, its errors and what is said in the user's."""
-    jumps = jumps_of(given)
-    search = _search(estimator, cut_at(given, jumps), settings, told)
+    jumps, origin = jumps_of(given), knowledge.origin
+    search = _search(estimator, cut_at(given, jumps), settings, told, knowledge)
     exact, known = _exact_start(estimator, given, search), None
     followed = None if exact is None else _exactly(search, exact, given)
     if exact is not None and followed is not None:
@@ -113,7 +118,7 @@ def _identified(
         pieces, stays = followed
     else:
         given = without_impacts(without_clipped(given), jumps)
-        cutting = Cutting(estimator, given, settings, told)
+        cutting = Cutting(estimator, given, settings, told, knowledge)
         cut = _in_rounds(cutting, jumps, terms)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
     found = transitions_of(stays, pieces, terms)
@@ -195,6 +200,7 @@ def _answer(
         errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
         errors = errors_elsewhere(origin, errors, automaton)
     rollouts, noise = _rolled_out(given, told, found, stays.left)
+    again = Again(lambda left: search.without(left, stays).identified(), search.estimator.n_modes)
     return IdentifiedAutomaton(
         automaton,
         errors,
@@ -216,6 +222,7 @@ def _answer(
         candidates,
         n_unexplained=sum(int((own < 0).sum()) for own in told.modes),
         refinement=refinement,
+        known=checked(stays.renamed(order), again),
     )
 
 
@@ -293,7 +300,9 @@ def _exact_start(
     """Laws of recordings without noise, whose intervals tell where they jump, too."""
     if not search.is_exact:
         return None
-    return _search(estimator, whole(given), search.settings, search.told).by_intervals()
+    return _search(
+        estimator, whole(given), search.settings, search.told, search.knowledge
+    ).by_intervals()
 
 
 def _exactly(
@@ -326,9 +335,11 @@ def _search(
     pieces: Pieces,
     settings: StaySettings,
     told: Callable[[], object],
+    knowledge: Knowledge,
 ) -> Search:
     given = pieces.given
-    return Search(estimator, given.sensed, given.order, None, settings, told, surfaces=False)
+    options = settings, told, False, None, knowledge
+    return Search(estimator, given.sensed, given.order, None, *options)
 
 
 def _jumps(

@@ -35,6 +35,7 @@ from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.intervals import flow
+from swsysid._stays.knowledge import Knowledge
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
@@ -87,8 +88,10 @@ class Cutting:
         given: Given,
         settings: StaySettings,
         told: Callable[[], object],
+        knowledge: Knowledge,
     ):
         self.estimator, self.given, self.settings, self.told = estimator, given, settings, told
+        self.knowledge = knowledge
         self.first: Pieced  # cut where everybody sees that it jumps
         self.fewer: StayIdentification | None = None  # the last answer on that
         self.answers: list[Cut] = []
@@ -168,7 +171,7 @@ class Cutting:
         pieces = cut_at(self.given, jumps, _FEWEST)
         search = Search(
             self.estimator, pieces.given.sensed, self.given.order, None, self.settings, self.told,
-            surfaces=False,
+            surfaces=False, knowledge=self.knowledge,
         )  # fmt: skip
         return Pieced(jumps, pieces, search)
 

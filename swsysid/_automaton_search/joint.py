@@ -52,7 +52,7 @@ class JointEstimate(Estimate):
     @property
     def n_shared(self) -> int:
         """Number of unknowns of the automaton: of its laws, its guards and its resets."""
-        return self.laws.n_free + self.guards.n_free + self.resets.n_free
+        return self.laws.freedom + self.guards.n_free + self.resets.n_free
 
     @property
     def freedom(self) -> float:

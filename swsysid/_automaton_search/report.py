@@ -14,6 +14,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.identify import KindsOfNoise
 from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._known.checks import KnownCheck, blamed
 from swsysid._rendering.printing import counted
 from swsysid._results import Array
 
@@ -49,6 +50,8 @@ class AutomatonReport:
     excess : float or None
         What the laws leave where they are told when to switch, in units of the noise that
         neighbouring samples show; None where that is not told.
+    known : tuple of KnownCheck
+        What the recordings would rather have, for each thing that was known.
     imitates : bool
         Whether modes that nothing tells alternate so fast that they make up for something gradual.
     """
@@ -68,6 +71,7 @@ class AutomatonReport:
     n_recordings: int = 0
     n_samples: int = 0
     excess: float | None = None
+    known: tuple[KnownCheck, ...] = ()
 
     @classmethod
     def of(
@@ -103,11 +107,12 @@ class AutomatonReport:
             found.refinement,
             found.rollouts,
             (*doubts_of(found, asked, most), *held),
-            " ".join(untold) or _judgement(found),
+            blamed(found.known) or " ".join(untold) or _judgement(found),
             imitates(found),
             len(found.modes),
             n_samples,
             found.excess,
+            found.known,
         )
 
     def __str__(self) -> str:
@@ -127,6 +132,7 @@ class AutomatonReport:
         lines = [f"{head}.", *self.equations, f"Samples: {lived}."]
         if switches:
             lines.append(f"Switches: {switches}.")
+        lines += [f"Known: {one}." for one in self.known]
         lines.append(self._noise())
         if self.refinement is not None:
             lines.append(str(self.refinement))

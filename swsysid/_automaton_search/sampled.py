@@ -34,6 +34,7 @@ from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._checks.parameters import whole
 from swsysid._discrete_stays.identify import (
     DiscreteCertainty,
     DiscreteStays,
@@ -51,6 +52,30 @@ _TURNS_OF_MODES = 6
 _LEAST_NOISE = 1e-6
 
 Pair = tuple[int, int]
+
+
+def check_times(
+    discrete: bool, order: int, lags: object, sparsity: object, input_hold: object, *, knows: bool
+) -> None:
+    """ValueError for what is asked of the other kind of time."""
+    whole("lags", lags, least=0, also=("auto",))
+    if not discrete and lags != 0:
+        raise ValueError(
+            f"lags={lags!r} is for discrete time; set discrete_time=True, or leave lags at 0."
+        )
+    if not discrete:
+        return
+    if order == 2:
+        raise ValueError("order=2 is for continuous time; in discrete time set lags=1.")
+    if knows:
+        raise ValueError(
+            "known is held in continuous time; leave it out, or fit a SwitchingSystemRegressor "
+            "with discrete_time=True to states and next states."
+        )
+    if sparsity is not None:
+        raise ValueError("sparsity is for continuous time; leave it at None.")
+    if input_hold != "auto":
+        raise ValueError("input_hold is for continuous time; in discrete time every row acts.")
 
 
 def identified(

@@ -58,6 +58,12 @@ class KnownCheck:
         return f"{self.sentence}: not contradicted, p = {self.p_value:.2g} (without it {told})"
 
 
+def blamed(known: Sequence[KnownCheck]) -> str:
+    """What to do about sentences that the data contradict; nothing where there are none."""
+    said = " and ".join(f'"{one.sentence}"' for one in known if one.questioned)
+    return f"What is known contradicts the recordings: leave out or correct {said}." if said else ""
+
+
 class Released(NamedTuple):
     """What a fit becomes where less is known."""
 

@@ -5,9 +5,10 @@ With it, the noise of measurements by what rollouts leave of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._free_rollouts.breaks import first_breaks
 from swsysid._regressor import SwitchingSystemRegressor
@@ -56,6 +57,11 @@ class StayIdentification:
     def estimate(self) -> Estimate:
         """Laws, stays and states."""
         return self.reached.estimate
+
+    def renamed(self, order: NDArray[np.intp]) -> StayIdentification:
+        """The same, mode ``order[k]`` of its estimate called k."""
+        reached = replace(self.reached, estimate=self.estimate.renamed(order))
+        return replace(self, reached=reached)
 
     @property
     def left(self) -> Array:

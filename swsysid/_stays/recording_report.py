@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._free_rollouts.judge import Break, FreeRollouts
-from swsysid._known.checks import KnownCheck
+from swsysid._known.checks import KnownCheck, blamed
 from swsysid._rendering.printing import counted, determined, sum_with_errors
 from swsysid._results import Array
 from swsysid._stays.certainty import Certainty
@@ -173,7 +173,7 @@ def reported(
         excess=left.excess,
         rollouts=rollouts,
         doubts=tuple(doubts),
-        advice=advice_of(left.excess, channels, together, rollouts),
+        advice=blamed(known) or advice_of(left.excess, channels, together, rollouts),
         known=known,
     )
 
