@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.automata import tables as automata
+from benchmarks.automata.others import tables as others
 from benchmarks.calibration import tables as calibration
 from benchmarks.laboratory import tables as laboratory
 from benchmarks.measured import tables as measured
@@ -66,6 +67,7 @@ UNLISTED = (
 )
 SENSITIVITY = "python -m benchmarks.sensitivity --records 4 --first-record 515 --docs docs"
 CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 2200 --docs docs"
+OTHERS = "python -m benchmarks.automata.others FOLDER --docs docs"
 LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
@@ -84,6 +86,7 @@ PAGES = (
     Page("paper_tables.md", "paper", "make bench", paper.tables),
     Page("trajectories_tables.md", "trajectories", "make bench-trajectories", trajectories.tables),
     Page("automata_tables.md", "automata", "make bench-automata", automata.tables),
+    Page("others_table.md", "others", OTHERS, others.tables),
     Page("seeding_table.md", "seeding", "make bench-seeding", seeding.table),
 )
 

@@ -1,0 +1,108 @@
+"""`HybridAutomatonRegressor` on automata that others published, as its page of the manual says.
+
+What DAINARX is told says which of the documented ways it is: samples that its difference equations
+see beyond the present one are lags, laws without further terms are maps, others are flows; further
+terms are polynomials of their degree, or functions; guards that are no planes are quadrics.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.automata.others.dainarx import Published, Recorded
+from benchmarks.automata.plant import Array
+from swsysid import FunctionLibrary, HybridAutomatonRegressor
+
+__all__ = ["Ours", "ours"]
+
+
+@dataclass(frozen=True)
+class Ours:
+    """A fitted regressor in the terms of the figures."""
+
+    fitted: HybridAutomatonRegressor
+
+    @property
+    def n_modes(self) -> int:
+        """Modes found."""
+        return int(self.fitted.n_modes_)
+
+    @property
+    def modes(self) -> NDArray[np.intp]:
+        """Of all samples."""
+        return self.fitted.modes_
+
+    @property
+    def n_first(self) -> int:
+        """Lagged samples, or those that tell a speed."""
+        if self.fitted.discrete_time:
+            return int(self.fitted.automaton_.lags) + 1
+        return 2 if self.fitted.order == 2 else 1
+
+    @property
+    def doubts(self) -> bool:
+        """Whether the report does not say that guards tell all switches."""
+        return "guards tell all switches" not in str(self.fitted.report_)
+
+    def rollout(self, seen: Recorded, mode: int) -> tuple[Array, NDArray[np.intp]]:
+        """States and modes."""
+        at, n_states = self.n_first - 1, seen.x.shape[1]
+        inputs = seen.u if seen.u.size else None
+        if self.fitted.discrete_time:
+            start = seen.x[: at + 1] if at else seen.x[0]
+            done = self.fitted.simulate(start, seen.t, inputs, mode=mode)
+            return done.x[at:], done.modes[at:]
+        start = seen.x[at]
+        if self.fitted.order == 2:
+            start = np.append(start, (seen.x[at + 1] - seen.x[at - 1]) / (2.0 * seen.t[0]))
+        inputs = inputs if inputs is None else inputs[at:]
+        done = self.fitted.simulate(start, seen.t[at:], inputs, mode=mode)
+        return done.x[:, :n_states], done.modes
+
+
+def ours(training: list[Recorded], automaton: Published) -> Ours:
+    """The automaton that the package finds, its number of modes and edges included."""
+    degree, library = _features(automaton)
+    as_map = degree == 1
+    fitted = HybridAutomatonRegressor(
+        discrete_time=as_map,
+        lags=automaton.order - 1 if as_map else 0,
+        order=1 if as_map else min(automaton.order, 2),
+        feature_library=library,
+        guard_degree=1 if automaton.kernel == "linear" else 2,
+        max_modes=8,
+        random_state=0,
+    )
+    return Ours(fitted.fit([
+        {"t": one.t, "x": one.x} | ({"inputs": one.u} if one.u.size else {}) for one in training
+    ]))  # fmt: skip
+
+
+def _features(automaton: Published) -> tuple[int, int | FunctionLibrary]:
+    """Degree of the further terms that DAINARX is told, 0 if they are functions; and a library."""
+    terms = [one.split(":")[-1].strip() for one in automaton.features.split(";") if one.strip()]
+    if any("/" in one or "(" in one for one in terms):
+        functions = [lambda x: np.ones_like(x), lambda x: x]
+        names = ["1", "{}"]
+        for one in terms:
+            if called := re.match(r"(sin|cos)\(", one):
+                functions.append(getattr(np, called[1]))
+                names.append(f"{called[1]}({{}})")
+            elif re.match(r"1\s*/", one):
+                functions.append(lambda x: 1.0 / x)
+                names.append("1/{}")
+            elif "/" in one:
+                functions.append(lambda x, y: y / x)
+                names.append("{1}/{0}")
+        return 0, FunctionLibrary(functions, names)
+    degrees = [_degree(one) for one in terms]
+    return (max(degrees), max(degrees)) if degrees else (1, 1)
+
+
+def _degree(term: str) -> int:
+    """Of a product of samples and their powers."""
+    return sum(int(power or 1) for power in re.findall(r"\[\?\](?:\s*\*\*\s*(\d+))?", term))

@@ -1,0 +1,138 @@
+"""Model in, figures out: how well a method finds an automaton that others published.
+
+Anything can be scored that makes a `Model` of recordings: `score` gives it the nine of the
+training, and rolls what it made out from the first samples of six that it has not seen.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.automata.figures import matched
+from benchmarks.automata.others.dainarx import Published, Recorded
+from benchmarks.automata.plant import Array
+
+__all__ = ["Model", "score"]
+
+NEAR = 2  # samples
+
+
+class Model(Protocol):
+    """What is scored.
+
+    Attributes
+    ----------
+    n_modes : int
+    modes : ndarray of shape (n_rows,), int
+        Mode of every sample of the training, recording after recording.
+    n_first : int
+        Samples that a rollout is given.
+    doubts : bool
+        Whether the method itself says that something is not right.
+    """
+
+    n_modes: int
+    modes: NDArray[np.intp]
+    n_first: int
+    doubts: bool
+
+    def rollout(self, seen: Recorded, mode: int) -> tuple[Array, NDArray[np.intp]]:
+        """States and modes from the last of the first samples on, in a mode of the model."""
+
+
+def score(
+    method: Callable[[list[Recorded], Published], Model],
+    automaton: Published,
+    noise: float = 0.0,
+    seed: int = 0,
+) -> dict[str, float | str]:
+    """Figures of a method on one automaton.
+
+    Parameters
+    ----------
+    method : callable
+        Makes a `Model` of recordings; of the automaton it may look at what its own tool is told:
+        `order`, `features`, `kernel`, `dt`, never at laws, edges or modes.
+    automaton : Published
+    noise : float
+        Standard deviation of white noise on the states of the training, as a fraction of the
+        spread of each.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    dict
+        ``modes`` too many, ``labels`` the share of training samples in their mode, ``mean`` and
+        ``largest`` deviation of the unseen rollouts, each state in units of its largest value
+        there (as DAINARX counts; infinite where a rollout ends early), ``switches`` the share of
+        unseen switches that the rollouts make within two samples, and no others, ``doubts``
+        whether the method said so, CPU ``seconds``; or ``refused`` and why.
+    """
+    training, unseen = automaton.training(), automaton.unseen()
+    spread = np.std(np.vstack([one.x for one in training]), axis=0)
+    rng = np.random.default_rng(seed)
+    noisy = [
+        Recorded(one.t, one.x + noise * spread * rng.standard_normal(one.x.shape), one.u, one.modes)
+        for one in training
+    ]
+    began = time.process_time()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            model = method(noisy, automaton)
+        except (ValueError, TypeError, TimeoutError) as refusal:
+            return {"refused": str(refusal), "seconds": time.process_time() - began}
+    seconds = time.process_time() - began
+    numbers = {mode: place for place, mode in enumerate(automaton.laws)}
+    true = np.concatenate([[numbers[mode] for mode in one.modes.tolist()] for one in training])
+    order = matched(true, model.modes, automaton.n_modes, model.n_modes)
+    every = [_of_rollout(model, one, order, numbers) for one in unseen]
+    hits, of = (sum(one[k] for one in every) for k in (2, 3))
+    return {
+        "modes": float(model.n_modes - automaton.n_modes),
+        "labels": float(np.mean(order[true] == model.modes)),
+        "mean": float(np.mean([one[0] for one in every])),
+        "largest": float(np.max([one[1] for one in every])),
+        "switches": hits / of if of else 1.0,
+        "doubts": float(model.doubts),
+        "seconds": seconds,
+    }
+
+
+def _of_rollout(
+    model: Model, seen: Recorded, order: NDArray[np.intp], numbers: dict[int, int]
+) -> tuple[float, float, int, int]:
+    """Mean and largest deviation, switches that both make, and that either does."""
+    at = model.n_first - 1
+    modes = order[[numbers[mode] for mode in seen.modes.tolist()]][at:]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        x, made = model.rollout(seen, int(modes[0]))
+    true = seen.x[at:]
+    if len(x) < len(true):
+        return np.inf, np.inf, 0, int(np.count_nonzero(np.diff(modes)))
+    largest = np.abs(seen.x).max(axis=0)
+    apart = np.abs(x - true) / np.where(largest > 0.0, largest, 1.0)
+    n_here, n_there = _made_by(modes, made), _made_by(made, modes)
+    extra = np.count_nonzero(np.diff(made)) - n_there
+    return (
+        float(apart.mean()),
+        float(apart.max()),
+        n_here,
+        int(np.count_nonzero(np.diff(modes)) + extra),
+    )
+
+
+def _made_by(modes: NDArray[np.intp], others: NDArray[np.intp]) -> int:
+    """Changes of the modes that the others make too, to the same mode and within two samples."""
+    places, theirs = np.flatnonzero(np.diff(modes)), np.flatnonzero(np.diff(others))
+    same = modes[places + 1][:, None] == others[theirs + 1]
+    near = np.abs(np.subtract.outer(places, theirs)) <= NEAR
+    return int(np.count_nonzero((same & near).any(axis=1)))
