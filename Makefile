@@ -88,11 +88,10 @@ examples: $(VENV)/.installed-test
 # Sphinx may end early with status 0, as when an example leaves the interpreter: a build that wrote
 # no front page has failed.
 docs: $(VENV)/.installed-docs
-	rm -f docs/_build/html/index.html docs/_build/html/llms.txt
+	rm -f docs/_build/html/index.html
 	$(BIN)/python -m sphinx -q -W --keep-going -b html -D plot_gallery=$(GALLERY) \
 		docs docs/_build/html
 	@test -f docs/_build/html/index.html || { echo "Sphinx ended without a front page."; exit 1; }
-	@test -f docs/_build/html/llms.txt || { echo "Sphinx ended without llms.txt."; exit 1; }
 	@echo "Open docs/_build/html/index.html ."
 
 # The same without measured data and without network, as a reader on a train builds them.
