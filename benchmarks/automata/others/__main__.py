@@ -18,14 +18,14 @@ from benchmarks.automata.others.dainarx import Published, Recorded, published
 from benchmarks.automata.others.ours import Ours, ours
 from benchmarks.automata.others.scoring import score
 from benchmarks.automata.others.tables import tables
-from benchmarks.results import add_docs_options, keep, measured_here, place
+from benchmarks.results import add_docs_options, keep, load, measured_here, place
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Score the package on all automata of a folder, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", help="of the descriptions, with all folders beneath")
-    parser.add_argument("--names", nargs="+", help="of these alone")
+    parser.add_argument("--names", nargs="+", help="of these alone; the others stay as they were")
     parser.add_argument("--noise", type=float, default=0.0, help="of the spread of each state")
     parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds of a fit")
     parser.add_argument("--output", default="output/automata", help="folder of the results")
@@ -45,8 +45,12 @@ def main(arguments: list[str] | None = None) -> None:
         cells.append({"name": automaton.name, **figures})
         print(cells[-1], flush=True)
     told = "clean" if options.noise == 0.0 else f"{100.0 * options.noise:g} % noise"
+    folder, measured = place(options), {one["name"] for one in cells}
+    before = load("others", folder).get(told, {"cells": []})["cells"] if options.names else []
+    cells += [one for one in before if one["name"] not in measured]
+    cells.sort(key=lambda one: one["name"])
     parts = {told: {"origin": measured_here(), "cells": cells}}
-    print(tables(keep("others", parts, place(options))))
+    print(tables(keep("others", parts, folder)))
     if options.docs:
         pages.write("others", options.docs, options.results)
 

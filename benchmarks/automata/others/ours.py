@@ -2,7 +2,8 @@
 
 What DAINARX is told says which of the documented ways it is: samples that its difference equations
 see beyond the present one are lags, laws without further terms are maps, others are flows; further
-terms are polynomials of their degree, or functions; guards that are no planes are quadrics.
+terms are polynomials of their degree, or functions; guards that are no planes are quadrics. A map is
+given its inputs with those of the next sample: they go on between the samples.
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ class Ours:
         at, n_states = self.n_first - 1, seen.x.shape[1]
         inputs = seen.u if seen.u.size else None
         if self.fitted.discrete_time:
+            inputs = inputs if inputs is None else _with_next(inputs)
             start = seen.x[: at + 1] if at else seen.x[0]
             done = self.fitted.simulate(start, seen.t, inputs, mode=mode)
             return done.x[at:], done.modes[at:]
@@ -77,9 +79,17 @@ def ours(training: list[Recorded], automaton: Published) -> Ours:
         max_modes=8,
         random_state=0,
     )
-    return Ours(fitted.fit([
-        {"t": one.t, "x": one.x} | ({"inputs": one.u} if one.u.size else {}) for one in training
-    ]))  # fmt: skip
+    recordings = []
+    for one in training:
+        recordings.append({"t": one.t, "x": one.x})
+        if one.u.size:
+            recordings[-1]["inputs"] = _with_next(one.u) if as_map else one.u
+    return Ours(fitted.fit(recordings))
+
+
+def _with_next(u: Array) -> Array:
+    """Inputs beside those of the next sample; those after the last act on nothing."""
+    return np.hstack([u, np.vstack([u[1:], u[-1:]])])
 
 
 def _features(automaton: Published) -> tuple[int, int | FunctionLibrary]:
