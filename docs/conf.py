@@ -42,6 +42,7 @@ exclude_patterns = [
     "auto_examples/sg_execution_times.rst",
     "sg_execution_times.rst",
     "automata_tables.md",
+    "others_table.md",
     "calibration_table.md",
     "fresh_table.md",
     "laboratory_table.md",
