@@ -35,7 +35,7 @@ from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.intervals import flow
-from swsysid._stays.knowledge import Knowledge
+from swsysid._stays.knowledge import NOTHING, Knowledge
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
@@ -88,7 +88,7 @@ class Cutting:
         given: Given,
         settings: StaySettings,
         told: Callable[[], object],
-        knowledge: Knowledge,
+        knowledge: Knowledge = NOTHING,
     ):
         self.estimator, self.given, self.settings, self.told = estimator, given, settings, told
         self.knowledge = knowledge
