@@ -31,7 +31,7 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import certificates
-from swsysid._automaton_search.cutting import Cut, Cutting, apart
+from swsysid._automaton_search.cutting import Cut, Cutting, apart, search_of
 from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.elsewhere import errors_elsewhere, guard_elsewhere, told_from
 from swsysid._automaton_search.errors import AutomatonErrors
@@ -110,7 +110,7 @@ def _identified(
 ) -> IdentifiedAutomaton:
     """The same in columns counted from the origin, its errors and what is said in the user's."""
     jumps, origin = jumps_of(given), knowledge.origin
-    search = _search(estimator, cut_at(given, jumps), settings, told, knowledge)
+    search = search_of(estimator, cut_at(given, jumps), settings, told, knowledge)
     exact, known = _exact_start(estimator, given, search), None
     followed = None if exact is None else _exactly(search, exact, given)
     if exact is not None and followed is not None:
@@ -300,7 +300,7 @@ def _exact_start(
     """Laws of recordings without noise, whose intervals tell where they jump, too."""
     if not search.is_exact:
         return None
-    return _search(
+    return search_of(
         estimator, whole(given), search.settings, search.told, search.knowledge
     ).by_intervals()
 
@@ -328,18 +328,6 @@ def _exactly(
     ]
     recordings = Recordings.of(records, between=within)
     return pieces, search.followed(exact, recordings, stays)
-
-
-def _search(
-    estimator: SwitchingSystemRegressor,
-    pieces: Pieces,
-    settings: StaySettings,
-    told: Callable[[], object],
-    knowledge: Knowledge,
-) -> Search:
-    given = pieces.given
-    options = settings, told, False, None, knowledge
-    return Search(estimator, given.sensed, given.order, None, *options)
 
 
 def _jumps(

@@ -79,6 +79,20 @@ class Cut(Pieced):
         return criterion(len(self.stays.estimate.laws.coef), self.stays).criterion
 
 
+def search_of(
+    estimator: SwitchingSystemRegressor,
+    pieces: Pieces,
+    settings: StaySettings,
+    told: Callable[[], object],
+    knowledge: Knowledge,
+) -> Search:
+    """What is sought in pieces, without a surface: guards come after the stays."""
+    return Search(
+        estimator, pieces.given.sensed, pieces.given.order, None, settings, told,
+        surfaces=False, knowledge=knowledge,
+    )  # fmt: skip
+
+
 class Cutting:
     """One search; `told` is called now and then, to show that it goes on."""
 
@@ -169,10 +183,7 @@ class Cutting:
 
     def _at(self, jumps: list[NDArray[np.intp]]) -> Pieced:
         pieces = cut_at(self.given, jumps, _FEWEST)
-        search = Search(
-            self.estimator, pieces.given.sensed, self.given.order, None, self.settings, self.told,
-            surfaces=False, knowledge=self.knowledge,
-        )  # fmt: skip
+        search = search_of(self.estimator, pieces, self.settings, self.told, self.knowledge)
         return Pieced(jumps, pieces, search)
 
     def _of(self, found: StayIdentification) -> Cut:

@@ -37,7 +37,7 @@ _MISSED = 0.01
 
 
 @dataclass(frozen=True)
-class Known:
+class GuardContext:
     """What transitions are found from, beside their switches."""
 
     visits: Visits
@@ -89,14 +89,14 @@ class Settled:
         )
 
 
-def settled(switches: Switches, known: Known) -> Settled:
+def settled(switches: Switches, context: GuardContext) -> Settled:
     """What the transition of some switches is, and when they happened."""
     if not switches.jumped.any():
-        return Settled(switches, known.guard(switches), None)
-    flows = _Flows.of(switches, known.laws)
-    sets = _may_go_on(flows, known)
-    known = replace(known, noise=flows.blurred(max(sets, key=len), known))
-    tried = [_settled(flows, held, known) for held in sets]
+        return Settled(switches, context.guard(switches), None)
+    flows = _Flows.of(switches, context.laws)
+    sets = _may_go_on(flows, context)
+    context = replace(context, noise=flows.blurred(max(sets, key=len), context))
+    tried = [_settled(flows, held, context) for held in sets]
     return least_of(tried, lambda one: one.cost)
 
 
@@ -130,35 +130,35 @@ class _Flows:
         """By what the states do not meet, (n_times, n_switches, n_states)."""
         return np.asarray(self.after - self.columns[:, :, : self.after.shape[2]])
 
-    def blurred(self, held: NDArray[np.intp], known: Known) -> Array:
+    def blurred(self, held: NDArray[np.intp], context: GuardContext) -> Array:
         """Noise of the states where the instants are as uncertain as components that go on."""
         steps = np.diff(self.times, axis=0)[:, :, None]
         if not len(held) or not (steps > 0.0).all():
-            return known.noise
+            return context.noise
         n_states = self.after.shape[2]
         before, after, gaps = (
             np.median(np.abs(np.diff(one, axis=0) / steps), axis=(0, 1))
             for one in (self.columns[:, :, :n_states], self.after, self.gaps)
         )
-        uncertain = (known.noise[held] / np.maximum(gaps[held], np.finfo(float).tiny)).min()
-        return np.asarray(np.maximum(known.noise, (before + after) * uncertain))
+        uncertain = (context.noise[held] / np.maximum(gaps[held], np.finfo(float).tiny)).min()
+        return np.asarray(np.maximum(context.noise, (before + after) * uncertain))
 
-    def where(self, held: NDArray[np.intp], known: Known) -> Switches:
+    def where(self, held: NDArray[np.intp], context: GuardContext) -> Switches:
         """The switches where some components meet; as they are for none."""
-        gaps = self.gaps[:, :, held] / known.errors[held]
+        gaps = self.gaps[:, :, held] / context.errors[held]
         return self.lowest(np.square(gaps).sum(axis=2)) if len(held) else self.switches
 
-    def agreeing(self, found: Settled, held: NDArray[np.intp], known: Known) -> Switches:
+    def agreeing(self, found: Settled, held: NDArray[np.intp], context: GuardContext) -> Switches:
         """The switches where guard and reset are missed least."""
         guard, reset = found.guard, found.reset
         assert reset is not None, "only jumps have instants to be found"
         n_states = self.after.shape[2]
         landed = self.columns[:, :, :n_states] @ reset.reset.matrix.T + reset.reset.offset
-        sizes = np.maximum(reset.sizes, known.errors)
-        sizes[held] = known.errors[held]
+        sizes = np.maximum(reset.sizes, context.errors)
+        sizes[held] = context.errors[held]
         cost = np.square((self.after - landed) / sizes).sum(axis=2)
         if guard is not None:
-            size = max(guard.usual_miss, SETTINGS.instant * known.interval)
+            size = max(guard.usual_miss, SETTINGS.instant * context.interval)
             flat = self.columns.reshape(-1, self.columns.shape[2])
             value = guard.guard.values(flat).reshape(cost.shape)
             risen, lasted = (np.gradient(one, axis=0) for one in (value, self.times))
@@ -182,40 +182,40 @@ class _Flows:
         )
 
 
-def _may_go_on(flows: _Flows, known: Known) -> list[NDArray[np.intp]]:
+def _may_go_on(flows: _Flows, context: GuardContext) -> list[NDArray[np.intp]]:
     """Sets of components that go on in most switches at some instant: all, each one, none."""
     gaps = flows.gaps
     nearest = np.abs(gaps).min(axis=0)
     steps = np.abs(np.diff(gaps, axis=0)).max(axis=0)
-    share = (nearest <= steps + SETTINGS.beyond_noise * known.errors).mean(axis=0)
+    share = (nearest <= steps + SETTINGS.beyond_noise * context.errors).mean(axis=0)
     some = np.flatnonzero(share > 0.5)
     sets = {(), tuple(some.tolist()), *combinations(some.tolist(), 1)}
-    positions = set(range(known.n_positions)) & set(some.tolist())
+    positions = set(range(context.n_positions)) & set(some.tolist())
     sets = {one for one in sets if positions <= set(one)}
     return [np.array(one, dtype=np.intp) for one in sorted(sets)]
 
 
-def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
+def _settled(flows: _Flows, held: NDArray[np.intp], context: GuardContext) -> Settled:
     """Instants, guard and reset in turns, some components of the state held to go on."""
-    n_states, laws = len(known.noise), known.laws
-    switches = flows.where(held, known)
+    n_states, laws = len(context.noise), context.laws
+    switches = flows.where(held, context)
     for part in _CLOSER:
         flows = _Flows.of(switches, laws, part)
-        switches = flows.where(held, known)
+        switches = flows.where(held, context)
     found = Settled(switches, None, None, np.inf)
     some: NDArray[np.intp] | None = None  # columns of the guard; all are asked at first and last
     for _ in range(_TURNS_OF_INSTANTS):
         columns, _ = switches.before(laws)
-        reset = best_reset(columns[:, :n_states], switches.after(laws), known.errors, held)
-        guard = known.guard(switches, some)
-        cost = reset.cost + (0.0 if guard is None else _cost_of(guard, switches, known))
+        reset = best_reset(columns[:, :n_states], switches.after(laws), context.errors, held)
+        guard = context.guard(switches, some)
+        cost = reset.cost + (0.0 if guard is None else _cost_of(guard, switches, context))
         trial = Settled(switches, guard, reset, cost)
         if cost < found.cost:
             found = trial
         if not len(held):
             flows = _Flows.of(switches, laws, _NEARBY)
-        moved = flows.agreeing(trial, held, known)
-        at_rest = np.abs(moved.times - switches.times).max() < SETTINGS.instant * known.interval
+        moved = flows.agreeing(trial, held, context)
+        at_rest = np.abs(moved.times - switches.times).max() < SETTINGS.instant * context.interval
         if at_rest and some is None:
             break
         some = None if at_rest or guard is None else guard.some
@@ -223,8 +223,8 @@ def _settled(flows: _Flows, held: NDArray[np.intp], known: Known) -> Settled:
     return found
 
 
-def _cost_of(guard: FoundGuard, switches: Switches, known: Known) -> float:
+def _cost_of(guard: FoundGuard, switches: Switches, context: GuardContext) -> float:
     """The logarithm of what the instants miss the guard by, no less than by errors of states."""
-    blurred = np.nanmedian(blurred_by(guard.guard, *switches.before(known.laws), known.errors))
-    missed = max(guard.usual_miss, float(blurred), _MISSED * known.interval)
-    return float(np.isfinite(guard.misses).sum() * np.log(missed / known.interval))
+    blurred = np.nanmedian(blurred_by(guard.guard, *switches.before(context.laws), context.errors))
+    missed = max(guard.usual_miss, float(blurred), _MISSED * context.interval)
+    return float(np.isfinite(guard.misses).sum() * np.log(missed / context.interval))

@@ -14,7 +14,7 @@ import numpy as np
 
 from swsysid._automaton_search.conditions import with_teller
 from swsysid._automaton_search.guards import GuardTerms, missed_by, share_risen, surface_both_ways
-from swsysid._automaton_search.instants import Known, Settled, settled
+from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
@@ -50,44 +50,48 @@ def _settled(
 ) -> list[Settled]:
     switches, visits = told
     interval = stays.estimate.nodes.recordings.interval
-    known = Known(visits, stays.estimate.laws, stays.reached.noise, interval, terms, positions)
+    context = GuardContext(
+        visits, stays.estimate.laws, stays.reached.noise, interval, terms, positions
+    )
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
         (source, target): settled(
-            switches.take((switches.source == source) & (switches.target == target)), known
+            switches.take((switches.source == source) & (switches.target == target)), context
         )
         for source, target in pairs
     }
     for source, target in pairs:
         if source < target and (target, source) in found:
             both = found[source, target], found[target, source]
-            found[source, target], found[target, source] = _of_one_surface(*both, known)
-    return _with_tellers(list(found.values()), known)
+            found[source, target], found[target, source] = _of_one_surface(*both, context)
+    return _with_tellers(list(found.values()), context)
 
 
-def _with_tellers(found: list[Settled], known: Known) -> list[Settled]:
+def _with_tellers(found: list[Settled], context: GuardContext) -> list[Settled]:
     """Guards that rise where their mode is left for another one, with what tells the two apart."""
-    crossed = [one.switches.before(known.laws) for one in found]
+    crossed = [one.switches.before(context.laws) for one in found]
     told = []
     for one, (reached, _) in zip(found, crossed, strict=True):
         never = [reached[:0]]
         for other, (columns, rates) in zip(found, crossed, strict=True):
             exits = one.pair[0] == other.pair[0] and one.pair[1] != other.pair[1]
             if one.guard is not None and exits:
-                if share_risen(one.guard, columns, rates, known.interval) > 0.5:
+                if share_risen(one.guard, columns, rates, context.interval) > 0.5:
                     never.append(columns)
         rows = np.vstack(never)
-        guard = one.guard and with_teller(one.guard, rows, reached, known.terms.degree)
+        guard = one.guard and with_teller(one.guard, rows, reached, context.terms.degree)
         told.append(replace(one, guard=guard))
     return told
 
 
-def _of_one_surface(there: Settled, back: Settled, known: Known) -> tuple[Settled, Settled]:
+def _of_one_surface(
+    there: Settled, back: Settled, context: GuardContext
+) -> tuple[Settled, Settled]:
     """Two opposite transitions, with one surface for both unless two guards cost less."""
     if there.guard is None or back.guard is None or there.reset or back.reset:
         return there, back
-    both = known.crossed(there.switches), known.crossed(back.switches)
-    surface = surface_both_ways(*both, known.terms.degree)
+    both = context.crossed(there.switches), context.crossed(back.switches)
+    surface = surface_both_ways(*both, context.terms.degree)
     if surface is None:
         return there, back
     up, down = surface

@@ -28,6 +28,10 @@ from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
 from swsysid.effects._placed import corrected, late_records, shaped
 from swsysid.metrics._modes import best_matching, contingency
 
+_MOST_SOUGHT = 12  # columns of an effect in the library while modes are sought anew
+_SAME_MODES = 1e-3  # share of the rows whose mode may still change when the alternation ends
+_DISAGREEING = 0.05  # share of them that a surface between modes told before may mistake
+
 
 @dataclass(frozen=True)
 class JointFit:
@@ -226,8 +230,7 @@ def fit_jointly(
     features, sharp = libraries(declared, whole, rows)
     if modes is None:
         sought = columns
-        # more columns than these are not sought anew with the modes
-        if like is not None and max(part.shape[1] for part in columns) > 12:
+        if like is not None and max(part.shape[1] for part in columns) > _MOST_SOUGHT:
             coef = _effect_coefficients(declared, features, terms, columns, targets, like)
             sought = [
                 (term.design(part, like, int(like.max()) + 1) @ values)[:, None]
@@ -251,7 +254,7 @@ def fit_jointly(
                 laws[order[mode]] -= own
         terms = tuple(term.renumbered(order) for term in terms)
         before, modes = order[modes], fitted.modes
-        if np.mean(before != modes) <= 1e-3:
+        if np.mean(before != modes) <= _SAME_MODES:
             break
     coef = _effect_coefficients(declared, features, terms, columns, targets, modes)
     fit = JointFit(fitted.estimator, terms, tuple(coef), modes, fitted.doubts)
@@ -316,7 +319,7 @@ def with_decoded_surface(fit: JointFit, records: Records, rows: NDArray[np.intp]
     redrawn = replace(fit, estimator=fit.laws.with_surface_between(X[sure], known[sure]))
     # Modes that were told by laws without an effect may be others than those that it leaves.
     own, others = (np.mean(one.surface_modes(records)[rows] != fit.modes) for one in (fit, redrawn))
-    return redrawn if others <= own + 0.05 else fit
+    return redrawn if others <= own + _DISAGREEING else fit
 
 
 def warn_of_doubts(fit: JointFit, stacklevel: int) -> None:
@@ -357,12 +360,8 @@ def _effect_coefficients(
         acting = [place for place, term in enumerate(terms) if term.target == target]
         if not acting:
             continue
-        blocks = np.column_stack(
-            [
-                features[:, support[mode, target]] * (modes == mode)[:, None]
-                for mode in np.unique(modes)
-            ]
-        )
+        own = ((support[mode, target], modes == mode) for mode in np.unique(modes))
+        blocks = np.column_stack([features[:, some] * rows[:, None] for some, rows in own])
         parts = [terms[place].design(columns[place], modes, n_modes) for place in acting]
         design = np.column_stack([blocks, *parts])
         prior = block_diag(
@@ -370,8 +369,8 @@ def _effect_coefficients(
         )
         solved = robust_regression(design, targets[:, target], declared.robust, prior)
         ends = np.cumsum([part.shape[1] for part in parts])
-        own = np.split(solved[blocks.shape[1] :], ends[:-1])
-        for place, values in zip(acting, own, strict=True):
+        found = np.split(solved[blocks.shape[1] :], ends[:-1])
+        for place, values in zip(acting, found, strict=True):
             coef[place] = values
     return coef
 

@@ -75,8 +75,8 @@ def _nothing_found(report: EffectContents) -> str:
         return f"{none} at all times. {aside(report)}"
     if report.acts_rarely:
         return f"{none}, but a law acts rarely. {aside(report)}"
-    left, free = report.residual_before, report.data and report.data.free
-    velocities, rollouts = left is None or left.clean, not free or free.holds
+    left, free = report.residual_before, None if report.data is None else report.data.free
+    velocities, rollouts = left is None or left.clean, free is None or free.holds
     if report.alarms or not (velocities or (rollouts and report.of_rollouts)):
         return f"{none}; what is left over is not all noise."
     if velocities and rollouts:

@@ -40,7 +40,7 @@ def read_table(
             f"{path.name} is no {', '.join(_READERS)} file; save the recording as one of these "
             "(text may be compressed: .csv.gz)."
         )
-    check_place(path)
+    _check_there(path)
     try:
         table = _READERS[kind](path, missing)
     except Exception as error:  # each reader breaks in ways of its own on files of another kind
@@ -55,8 +55,8 @@ def read_table(
 def check_place(path: Path, is_folder: bool = False) -> None:
     """Refuse what is no file, or no folder where the format is one."""
     _check_name(path, is_folder)
-    if not is_folder and not path.is_file():
-        raise TableError(f"There is no file {path}; {_beside(path)}.")
+    if not is_folder:
+        _check_there(path)
 
 
 def _check_name(path: Path, is_folder: bool = False) -> None:
@@ -68,6 +68,11 @@ def _check_name(path: Path, is_folder: bool = False) -> None:
         raise TableError(f"{str(path)[:60]!r} is no name that a file can have.") from error
     if path.is_dir() and not is_folder:
         raise TableError(f"{path} is a folder; name one recording in it.")
+
+
+def _check_there(path: Path) -> None:
+    if not path.is_file():
+        raise TableError(f"There is no file {path}; {_beside(path)}.")
 
 
 def _kind(path: Path) -> str:

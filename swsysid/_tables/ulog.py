@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from swsysid._rendering.printing import counted
 from swsysid._tables.table import NUMERIC, Table, on_clock
 
 _CLOCK = "timestamp"  # microseconds since the start of the system
@@ -16,7 +17,7 @@ def read_ulog(path: Path, described: Sequence[Path]) -> Iterator[Table]:
 
     log = pyulog.ULog(str(path))
     lost = sum(gap.duration for gap in log.dropouts) * 1e-3
-    remarks = [f"The logger lost {len(log.dropouts)} times some data, {lost:.3g} s in all."]
+    remarks = [f"The logger has {counted(len(log.dropouts), 'gap')}, {lost:.3g} s in all."]
     changed = {name for _, name, _ in log.changed_parameters}
     if changed:
         remarks.append(f"Parameters changed in flight: {', '.join(sorted(changed))}.")

@@ -10,6 +10,7 @@ _IN_NAMES = frozenset(
     "m cm mm um km s ms us min Hz kHz rad deg rpm V mV kV A mA N kN Nm Pa kPa MPa bar W kW mW "
     "J kJ K degC kg mol Ohm".split()
 )
+# Before a time these are a speed: nobody logs metre seconds.
 _WAYS = frozenset("m cm mm um km rad deg".split())
 # In a row of their own the single letters, signs and words are units as well.
 _IN_ROWS = _IN_NAMES | frozenset(
@@ -78,7 +79,7 @@ def unit_of(name: str) -> str:
         groups = [group.split("_") for group in "_".join(parts[start:]).split("_per_")]
         symbols = [[_symbol(part) for part in group] for group in groups]
         if all(all(group) for group in symbols):
-            return "/".join(_told(group) for group in symbols)
+            return "/".join(_product(group) for group in symbols)
     return ""
 
 
@@ -99,7 +100,7 @@ def rate_unit(unit: str, time_unit: str) -> str:
     return f"{unit}/{time_unit}"
 
 
-def _told(symbols: list[str]) -> str:
+def _product(symbols: list[str]) -> str:
     """A product of units; a length or an angle and a time are a speed."""
     if len(symbols) == 2 and symbols[0] in _WAYS and symbols[1].partition("^")[0] in SECONDS:
         return "/".join(symbols)

@@ -5,8 +5,10 @@ import struct
 import sys
 from pathlib import Path
 
+import buildingspy
 import numpy as np
 import pytest
+from buildingspy.io.outputfile import Reader
 from scipy.io import savemat
 
 from swsysid import HybridAutomaton, read_recordings
@@ -139,11 +141,8 @@ def test_modelica_results_by_name_alias_sign_and_parameter(layout, tmp_path):
 
 
 def test_results_of_dymola_beside_another_reader():
-    reader = pytest.importorskip("buildingspy.io.outputfile")
-    import buildingspy
-
     path = Path(buildingspy.__file__).parent / "examples" / "dymola" / "PlotDemo.mat"
-    other = reader.Reader(str(path), "dymola")
+    other = Reader(str(path), "dymola")
     names = [name for name in other.varNames() if not name.startswith("Time")]
     [run] = read_recordings(path, states=names)
     for name in names:
