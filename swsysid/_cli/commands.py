@@ -17,7 +17,7 @@ from swsysid._checks.estimators import column_names
 from swsysid._results import Array, Trajectory
 from swsysid._saving.files import Recording, load_model
 from swsysid._tables.readers import read_table
-from swsysid._tables.recordings import usual_clock
+from swsysid._tables.several import usual_clock
 from swsysid._tables.table import Table, TableError
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid._whole_or_nothing import write_text
