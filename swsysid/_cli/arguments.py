@@ -27,8 +27,9 @@ Unless derivatives are measured too, the laws, modes and switch instants are tho
 recording is most likely; smoothed derivatives serve as a start and as a test. What had to be
 mended, masked or left out is printed with its rows of the file. The equations with their standard
 errors, the switching surface and the error on held-out data, beside that of the best model without
-switching, are printed; the model (model.json), the text (identification.txt) and a picture of the
-modes (phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is
+switching, are printed; the model (model.json), the text (identification.txt), a picture of the
+modes (phase_portrait.png) and a page with the rollout over each trajectory, what it leaves, modes
+and guards (report.html) go into a folder. Without a file, a built-in damped oscillator is
 simulated, measured with noise and identified.
 
 With --diagnose the identified model is then asked what it lacks: friction, backlash, delays,
