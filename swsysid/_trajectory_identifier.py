@@ -246,7 +246,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
                 other = search.without(left_out, found)
                 return weighted(other.identified(), other, origin)
 
-            self.known_ = checked(found, Again(again, estimator.n_modes))
+            self.known_ = checked(found, Again(again, estimator, search.base.noise))
             found = origin.told(found)
         self._keep(given if total is None else None)
         self.input_holds_ = tuple(map(str, holds))
