@@ -33,6 +33,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
 # - many recordings are worked where they are (`_data`), each condensed to what it says of laws and
 #   surfaces (`_stays`, `top`), and what inputs do between rows is said to identifiers (`top`);
+# - a page shows what a model makes of recordings (`_recording_page`; `_cli` writes it), and a plane
+#   the columns that decide the mode (`_displays`);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did).
 MOST_LINES = {
@@ -55,6 +57,7 @@ MOST_LINES = {
     "_losses": 900,
     "metrics": 720,
     "_output_error": 2230,
+    "_recording_page": 490,
     "refinement": 1720,
     "relaxations": 1480,
     "_rendering": 710,
