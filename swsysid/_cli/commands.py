@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -114,7 +115,13 @@ def export(arguments: argparse.Namespace) -> str:
         ]
         write_text(path, "\n".join(lines) + "\n")
     else:
-        {"c": model.to_c, "fmu": model.to_fmu, "modelica": model.to_modelica}[to](path)
+        write: dict[str, Callable[[Path], None]] = {
+            "c": model.to_c,
+            "fmu": partial(model.to_fmu, fmi_version=arguments.fmi_version),
+            "matlab": model.to_matlab,
+            "modelica": model.to_modelica,
+        }
+        write[to](path)
     return f"{path}"
 
 
