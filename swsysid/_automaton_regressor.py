@@ -15,6 +15,7 @@ from swsysid._automaton_search.guards import GuardTerms
 from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid._automaton_search.judged import rollout_score
 from swsysid._automaton_search.report import AutomatonReport
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
@@ -202,6 +203,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         known=None,
         random_state=None,
         verbose=0,
+        checkpoint=None,
     ):
         self.n_modes = n_modes
         self.order = order
@@ -217,8 +219,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.known = known
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
     @whole_or_nothing
+    @checkpointed
     def fit(self, x, t=None, groups=None, inputs=None):
         """Identify laws, modes, guards and resets.
 

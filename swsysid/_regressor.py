@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.arrays import other_names
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import random_numbers
@@ -167,6 +168,7 @@ class SwitchingSystemRegressor(
         n_jobs=None,
         random_state=None,
         verbose=0,
+        checkpoint=None,
     ):
         self.n_modes = n_modes
         self.feature_library = feature_library
@@ -187,8 +189,10 @@ class SwitchingSystemRegressor(
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
     @whole_or_nothing
+    @checkpointed
     def fit(self, X, y, sample_weight=None, *, groups=None):
         """Identify the modes and the surface.
 

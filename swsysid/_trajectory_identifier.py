@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
 from swsysid._data.many_recordings import many_recordings
@@ -172,6 +173,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         n_jobs=None,
         random_state=None,
         verbose=0,
+        checkpoint=None,
     ):
         self.estimator = estimator
         self.order = order
@@ -182,8 +184,10 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
     @whole_or_nothing
+    @checkpointed
     def fit(self, x, t=None, groups=None, inputs=None):
         """Identify the laws, the modes and the surface.
 

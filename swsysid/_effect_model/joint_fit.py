@@ -22,6 +22,7 @@ from swsysid._effect_model.velocities import (
     on_time,
     sharpened_velocities,
 )
+from swsysid._journal import step
 from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
@@ -192,6 +193,7 @@ class JointFit:
         return np.asarray(targets - fields[self.modes, np.arange(len(rows))])
 
 
+@step
 def fit_jointly(
     declared: Declared,
     terms: Sequence[PlacedEffect],

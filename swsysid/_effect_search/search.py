@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.estimators import check_fitted, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.records import Records
@@ -149,6 +150,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         n_jobs=None,
         random_state=None,
         verbose=0,
+        checkpoint=None,
     ):
         self.estimator = estimator
         self.effects = effects
@@ -159,8 +161,10 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
     @whole_or_nothing
+    @checkpointed
     def fit(self, X, y=None, *, t=None, groups=None, signals=None, inputs=None):
         """Search.
 

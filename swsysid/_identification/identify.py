@@ -31,6 +31,7 @@ from swsysid._identification.settings import Parameters
 from swsysid._identification.setup import Search, Starts, TrainingRows, draw_starts
 from swsysid._identification.terms import SurfaceChoice, choose_monomials, choose_terms
 from swsysid._identification.trust_region import Estimate, Sampled, rows_to_know
+from swsysid._journal import resumable, step
 from swsysid._noise import root_mean_square
 from swsysid._rendering.progress import progress, watched
 from swsysid._results import Array, IterationRecord
@@ -80,6 +81,7 @@ class Identification:
         return 1 < self.n_starts and self.hits <= max(1, few)
 
 
+@step
 def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
     """Descend from every start, keep the smallest joint objective, choose monomials and terms."""
     parameters = search.parameters
@@ -131,9 +133,12 @@ def _best_of(
     if some_decide:
         rows = spread_rows(n_rows, settings.deciding)
         few, memberships = problem.some(rows), [start[rows] for start in memberships]
+    steps = [resumable(descent) for _ in memberships]
     runs = Parallel(n_jobs=parameters.n_jobs)(
-        delayed(descent)(few, start)
-        for start in watched(memberships, "starts", bool(parameters.verbose))
+        delayed(one)(few, start)
+        for one, start in zip(
+            steps, watched(memberships, "starts", bool(parameters.verbose)), strict=True
+        )
     )
     best = least_of(runs, lambda run: run.objective)
     hits = sum(
@@ -301,6 +306,7 @@ def _first_pass(
     )
 
 
+@step
 def _run(
     blocks: RowBlocks, verbose: bool, given: Pass, before: NDArray[np.int8] | None
 ) -> PassResult:

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from swsysid._data.records import Records
+from swsysid._journal import step
 from swsysid._output_error.candidates import Candidate
 from swsysid._output_error.estimate import Fitted, of_samples
 from swsysid._output_error.law import Law
@@ -51,6 +52,7 @@ class Score(Protocol):
         """Squares that each trial explains, in units of the noise, by the response to each."""
 
 
+@step
 def shortlist(
     law: Law, scores: Sequence[Score], stretches: Stretches, listed: Sequence[Candidate]
 ) -> list[PlacedEffect]:
@@ -245,6 +247,7 @@ def explained(block: Array, left: Array, alone: Array) -> float:
     return max(0.0, float(left @ np.linalg.pinv(block, rcond=1e-8, hermitian=True) @ left))
 
 
+@step
 def scores(fit: Fitted, ties: Sequence[float] = SETTINGS.ties) -> list[RolloutScore]:
     """Over some numbers of samples."""
     return [RolloutScore.of(fit, tie) for tie in ties]

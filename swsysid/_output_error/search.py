@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from swsysid._journal import step
 from swsysid._output_error.candidates import (
     Candidate,
     candidates,
@@ -137,6 +138,7 @@ class Search:
         """The same search for a law with another disturbance."""
         return replace(self, stretches=replace(self.stretches, disturbance=disturbance))
 
+    @step
     def started(self, declared: Law) -> Searched:
         """The declared model, and the first effect if there is one."""
         first = self.model(self.engine.fitted(declared, self.stretches))
@@ -155,6 +157,7 @@ class Search:
         unseen = Left(np.vstack(left), self.stretches.some(stretches).series)
         return Model(fit, unseen)
 
+    @step
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
         """The best of the candidates beside a model; None if none is worth it.
 

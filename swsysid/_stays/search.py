@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._checks.parameters import shown, whole
+from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
@@ -188,6 +189,7 @@ class Search:
         n_modes = self.estimator.n_modes
         return list(range(1, most + 1)) if n_modes == "auto" else [n_modes]
 
+    @step
     def with_modes(
         self, n_modes: object, fewer: StayIdentification | None = None
     ) -> StayIdentification:
