@@ -99,6 +99,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.
+    checkpoint : str or path, default=None
+        Folder of your own in which finished steps are kept: the same fit goes on from there after
+        it was stopped, and ends with the same answer. `best_so_far` reads what it has until now.
 
     Attributes
     ----------
@@ -187,24 +190,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     unguarded_inputs = 0
 
     def __init__(
-        self,
-        n_modes="auto",
-        *,
-        order=1,
-        lags=0,
-        discrete_time=False,
-        feature_library=1,
-        guard_degree=1,
-        sparsity=None,
-        max_modes=6,
-        n_jobs=None,
-        refine=True,
-        input_hold="auto",
-        known=None,
-        random_state=None,
-        verbose=0,
-        checkpoint=None,
-    ):
+        self, n_modes="auto", *, order=1, lags=0, discrete_time=False, feature_library=1,
+        guard_degree=1, sparsity=None, max_modes=6, n_jobs=None, refine=True, input_hold="auto",
+        known=None, random_state=None, verbose=0, checkpoint=None,
+    ):  # fmt: skip
         self.n_modes = n_modes
         self.order = order
         self.lags = lags
@@ -362,7 +351,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         lags = self.automaton_.lags if self.discrete_time else 0
 
         def fitted(rows, n_modes, whole, **options):
-            again = clone(self).set_params(n_modes=n_modes, lags=lags, verbose=0, **options)
+            again = clone(self).set_params(
+                n_modes=n_modes, lags=lags, verbose=0, checkpoint=None, **options
+            )
             return again.set_params(input_hold=self._holds or "auto").fit(*given.data(rows))
 
         def law(rows, n_modes, whole, **options):

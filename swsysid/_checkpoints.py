@@ -23,7 +23,7 @@ from sklearn.base import BaseEstimator
 from swsysid._checks.parameters import shown
 from swsysid._data.many_recordings import many_recordings
 from swsysid._data.sources import Rows, holds_blocks, row_blocks
-from swsysid._journal import is_open, journal
+from swsysid._journal import handing_over, is_open, journal, offer
 
 _WITHOUT_MEANING = {"n_jobs", "verbose", "checkpoint"}
 
@@ -54,7 +54,10 @@ def checkpointed(fit: Callable[..., Fitted]) -> Callable[..., Fitted]:
         work |= {name: _of_value(value) for name, value in sorted(self.get_params().items())
                  if name.split("__")[-1] not in _WITHOUT_MEANING}  # fmt: skip
         with journal(folder, work | {"data": _of_data(*data, **options)}):
-            return fit(self, *data, **options)
+            done = fit(self, *data, **options)
+            with handing_over(lambda found: found):
+                offer(done)
+            return done
 
     return fitted
 

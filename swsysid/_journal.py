@@ -32,6 +32,7 @@ from typing import Generic, ParamSpec, TypeVar
 
 import numpy as np
 
+from swsysid._checks.parameters import random_numbers
 from swsysid._whole_or_nothing import write_text
 
 Arguments = ParamSpec("Arguments")
@@ -129,7 +130,7 @@ class _Step(Generic[Arguments, Answer]):
     name: str
 
     def __call__(self, *args: Arguments.args, **options: Arguments.kwargs) -> Answer:
-        given = [np.random.mtrand._rand, *args, *options.values()]
+        given = [random_numbers(None), *args, *options.values()]
         sources = [one for one in given if isinstance(one, np.random.RandomState)]
         kept = self.journal.read(self.name)
         if not kept:
@@ -196,12 +197,13 @@ def offer(found: object) -> None:
 
 
 @contextmanager
-def handing_over(way: Callable[..., object]) -> Iterator[None]:
+def handing_over(way: Callable[..., object] | None) -> Iterator[None]:
     """Answers that are offered meanwhile are kept as this function gives them, unless as None.
 
-    Those of a fit within a fit are no answers of that one.
+    Those of a fit within a fit are no answers of that one. No function leaves it to the next fit.
     """
-    before = _HANDED_OVER.set(way if _HANDED_OVER.get() is None else lambda _: None)
+    is_next = way is None or _HANDED_OVER.get() is None
+    before = _HANDED_OVER.set(way if is_next else _in_no_way)
     try:
         yield
     finally:
@@ -277,6 +279,10 @@ def best_so_far(folder: str | os.PathLike[str]) -> object:
 
 
 def _nothing() -> None:
+    return None
+
+
+def _in_no_way(found: object) -> None:
     return None
 
 

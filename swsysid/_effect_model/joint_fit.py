@@ -195,15 +195,9 @@ class JointFit:
 
 @step
 def fit_jointly(
-    declared: Declared,
-    terms: Sequence[PlacedEffect],
-    records: Records,
-    rows: NDArray[np.intp],
-    targets: Array,
-    modes: Modes | None = None,
-    rounds: int = 4,
-    like: Modes | None = None,
-) -> JointFit:
+    declared: Declared, terms: Sequence[PlacedEffect], records: Records, rows: NDArray[np.intp],
+    targets: Array, modes: Modes | None = None, rounds: int = 4, like: Modes | None = None,
+) -> JointFit:  # fmt: skip
     """Alternate between the effects' coefficients, for known modes, and the declared model.
 
     An effect in the place of a feature (a lag of the input instead of the input) has one gain in

@@ -30,7 +30,7 @@ from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
 from swsysid._effect_search.scan import proposals
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
-from swsysid._journal import step
+from swsysid._journal import offer, step
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
 from swsysid.effects import GuardEffect, ResetEffect, StructureEffect
@@ -115,6 +115,7 @@ class Search:
                 if unknowns is not None and len(structure.terms) > 1:
                     structure = unknowns.replaced(structure)
                 rounds.append(replace(step, structure=structure))
+                offer(structure.fit)
         if unknowns is not None:
             structure = unknowns.replaced(structure)
         return structure, rounds

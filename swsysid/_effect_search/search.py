@@ -34,6 +34,7 @@ from swsysid._effect_search.recorded_search import is_of_one_law, searched_recor
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
+from swsysid._journal import handing_over, offer
 from swsysid._results import IdentificationWarning
 from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.exporting import ToOtherTools
@@ -89,6 +90,9 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         data give the same answer.
     verbose : int, default=0
         1 shows a progress bar.
+    checkpoint : str or path, default=None
+        Folder of your own in which finished steps are kept: the same fit goes on from there after
+        it was stopped, and ends with the same answer. `best_so_far` reads what it has until now.
 
     Attributes
     ----------
@@ -139,19 +143,9 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
     _declared: Declared  # what is fitted, for the record at hand
 
     def __init__(
-        self,
-        estimator,
-        *,
-        effects="all",
-        cv=None,
-        scoring=None,
-        max_effects=5,
-        significance=0.01,
-        n_jobs=None,
-        random_state=None,
-        verbose=0,
-        checkpoint=None,
-    ):
+        self, estimator, *, effects="all", cv=None, scoring=None, max_effects=5, significance=0.01,
+        n_jobs=None, random_state=None, verbose=0, checkpoint=None,
+    ):  # fmt: skip
         self.estimator = estimator
         self.effects = effects
         self.cv = cv
@@ -219,9 +213,15 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         seed = 0 if self.random_state is None else self.random_state
         self._seeded, rng = with_seed(self.estimator, seed), random_numbers(seed)
         measured = self._measured(X, y, t, groups, signals, inputs)
+        with handing_over(lambda found: self._handed_over(found, measured)):
+            return self._found(measured, rng)
+
+    def _found(self, measured, rng):
+        """The search in a record that was read."""
         parts = split_records(measured.records, rng, measured.window)
         final = measured.fitted(self._declared)
         self.best_estimator_ = self.declared_estimator_ = self._handed_over(final, measured)
+        offer(final)
         of_one = is_of_one_law(self._declared, measured)
         rolled_out = of_one and measured.recorded is not None
         if measured.is_enough(parts, rolled_out):

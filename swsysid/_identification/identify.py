@@ -211,7 +211,7 @@ def answer_of_many(
 ) -> Answer:
     """Pass over larger samples, then over all rows, from the answer of the sample in memory."""
     problem, parameters, sample = found.problem, search.parameters, rows.sample
-    surface = _fitted_surface(problem, found.best.modes)
+    surface = fitted_surface(problem, found.best.modes)
     descent = partial(descend_over_all_rows, max_iter=parameters.max_iter, tol=parameters.tol)
     n_larger = int(problem.settings.larger * sample.n_rows ** (2 / 3))
     larger = sample.rows
@@ -243,7 +243,7 @@ def answer_of_many(
         rows_in_memory = problem.coordinates, modes, problem.weight
         surface = surface.relabelled(rank).refitted(fits, *rows_in_memory)
     else:
-        surface = _fitted_surface(problem, modes)
+        surface = fitted_surface(problem, modes)
     best = replace(
         found.best,
         coef=estimate.coef[order],
@@ -279,7 +279,7 @@ def stages(n_rows: int, n_known: int, problem: SwitchingProblem) -> list[int]:
     return numbers
 
 
-def _fitted_surface(problem: SwitchingProblem, modes: NDArray) -> Classifier:
+def fitted_surface(problem: SwitchingProblem, modes: NDArray) -> Classifier:
     """The classifier fitted to the rows in memory."""
     return fit_weighted(clone(problem.surface), problem.coordinates, modes, problem.weight)
 
