@@ -34,7 +34,7 @@ STOREYS = [
     (
         "The loop:\nresidual, effect,\nbefore and after",
         "_effect_search _output_error _effect_regressor _effect_model effects _residual_report "
-        "_displays",
+        "_displays _recording_page",
     ),
     (
         "A fitted model",

@@ -21,7 +21,7 @@ import sklearn
 from sklearn.base import BaseEstimator
 
 from swsysid._checks.parameters import shown
-from swsysid._data.many_recordings import many_recordings
+from swsysid._data.recordings import many_recordings
 from swsysid._data.sources import Rows, holds_blocks, row_blocks
 from swsysid._journal import handing_over, is_open, journal, offer
 

@@ -10,18 +10,19 @@ from functools import cached_property
 import numpy as np
 
 from swsysid._journal import step
-from swsysid._output_error.candidates import (
-    Candidate,
-    candidates,
-    is_of_a_sensor,
-    is_sought,
-    variants,
-)
 from swsysid._output_error.criterion import Fall, Left, as_good, fall, price
 from swsysid._output_error.engines import Engine, Model, as_likely
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
-from swsysid._output_error.scan import of_sensors, shortlist
+from swsysid._output_error.scan import (
+    Candidate,
+    candidates,
+    is_of_a_sensor,
+    is_sought,
+    of_sensors,
+    shortlist,
+    variants,
+)
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values

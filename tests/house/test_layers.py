@@ -23,7 +23,7 @@ _identification _simulation _automaton weak_form _free_rollouts _regressor uncer
 refinement _verdict _trajectory_identifier
 _discrete_stays _automaton_search _automaton_regressor _effect_model
 _effect_regressor datasets
-_displays _residual_report _output_error _effect_search
+_displays _recording_page _residual_report _output_error _effect_search
 _saving diagnosis plotting report results __init__ _cli __main__
 """.split()
 MAX_LINES = 400

@@ -119,6 +119,8 @@ def test_what_makes_no_sense_is_refused():
         SwitchingSystemRegressor(known="v' has no w").fit(X, Xdot)
     with pytest.raises(ValueError, match="exclude each other"):
         SwitchingSystemRegressor(known="x' = v", coef_bound=3.0).fit(X, Xdot)
+    with pytest.raises(ValueError, match="leaves modes nothing to differ in"):
+        SwitchingSystemRegressor(known=["x' = v", "v' same in all modes"]).fit(X, Xdot)
     many = np.zeros((60_000, 2)) + np.arange(60_000)[:, None]
     with pytest.raises(ValueError, match="known holds for up to"):
         SwitchingSystemRegressor(known="x0' = x1").fit(many, many)
