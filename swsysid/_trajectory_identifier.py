@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
-from swsysid._data.many_recordings import many_recordings
+from swsysid._data.recordings import many_recordings
 from swsysid._known.known import both_known, check_known
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
@@ -246,7 +246,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
                 other = search.without(left_out, found)
                 return weighted(other.identified(), other, origin)
 
-            self.known_ = checked(found, Again(again, estimator.n_modes))
+            self.known_ = checked(found, Again(again, estimator, search.base.noise))
             found = origin.told(found)
         self._keep(given if total is None else None)
         self.input_holds_ = tuple(map(str, holds))

@@ -200,7 +200,9 @@ def _answer(
         errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
         errors = errors_elsewhere(origin, errors, automaton)
     rollouts, noise = _rolled_out(given, told, found, stays.left)
-    again = Again(lambda left: search.without(left, stays).identified(), search.estimator.n_modes)
+    again = Again(
+        lambda left: search.without(left, stays).identified(), search.estimator, search.base.noise
+    )
     return IdentifiedAutomaton(
         automaton,
         errors,

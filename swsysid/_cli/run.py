@@ -23,6 +23,7 @@ from swsysid._cli.saving import page_title, save, save_diagnosis
 from swsysid._cli.text import render, units_of_displays, with_effects
 from swsysid._rendering.progress import stage
 from swsysid._results import SolverError
+from swsysid._tables.several import recording_files
 from swsysid._tables.table import Table, TableError
 from swsysid.diagnosis import EffectSearchCV
 from swsysid.effects import Effect
@@ -40,7 +41,7 @@ def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -
 
 
 def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
-    checksum = _checksum(arguments.file)
+    checksum = _checksum(arguments.files)
     prepare(arguments.output, table.source, checksum)
     watched = is_watched(arguments.verbose)
     options = _options(arguments, measurement)
@@ -91,12 +92,23 @@ def _diagnose(result: JobResult, effects: Sequence[Effect]) -> EffectSearchCV:
     return searched(result.samples, declared, effects, result.options)
 
 
-def _checksum(file: str | None) -> str:
-    """Which recording it is; "" for the built-in example."""
-    if file is None:
+def _checksum(paths: Sequence[str]) -> str:
+    """Which recordings these are; "" for the built-in example."""
+    found = [
+        inside
+        for path in recording_files(paths)
+        for inside in (sorted(path.iterdir()) if path.is_dir() else [path])
+    ]
+    if not found:
         return ""
-    with open(file, "rb") as read:
-        return hashlib.file_digest(read, "sha256").hexdigest()
+    together = hashlib.sha256()
+    for path in found:
+        with path.open("rb") as read:
+            content = hashlib.file_digest(read, "sha256")
+        if len(found) == 1:
+            return content.hexdigest()
+        together.update(content.digest())
+    return together.hexdigest()
 
 
 def _page_path(chosen: Path, source: str) -> Path:

@@ -18,7 +18,6 @@ from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
-from swsysid._discrete_stays.noises import NoiseProfile
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
 from swsysid._discrete_stays.rows import RowFit, RowProblem
 from swsysid._discrete_stays.search import (
@@ -28,7 +27,7 @@ from swsysid._discrete_stays.search import (
     StaySearch,
     lasting_only,
 )
-from swsysid._discrete_stays.states import with_states
+from swsysid._discrete_stays.states import NoiseProfile, with_states
 from swsysid._results import Array
 from swsysid._stays.arrow import covariance_of
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.modes import reassigned
-from swsysid._discrete_stays.noises import with_own_ratio
 from swsysid._discrete_stays.rows import (
     RowFit,
     alternate,
@@ -22,7 +21,7 @@ from swsysid._discrete_stays.rows import (
     switching_of,
 )
 from swsysid._discrete_stays.starts import LawPool, best_thresholds
-from swsysid._discrete_stays.states import StateFit, with_states
+from swsysid._discrete_stays.states import StateFit, with_own_ratio, with_states
 from swsysid._results import Array
 
 # Residuals below this come from arithmetic, and laws of highest likelihood in all states would only

@@ -82,6 +82,11 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
     max_effects : int, default=5
     significance : float, default=0.01
         Of an effect found by chance in the whole search of one effect.
+    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+        What inputs of recordings with one law do between two rows, of each or of all: they are on
+        a line, or keep their value until the next row; of what steps in between at an instant that
+        is not known a line has the mean. "auto" tries what rests and jumps, and holds it where the
+        declared law then leaves clearly less, as `TrajectoryIdentifier` does.
     n_jobs : int or None, default=None
     random_state : int, RandomState instance or None, default=None
         Of what is held out, and of the estimator where it has none itself. None is 0: the same
@@ -146,6 +151,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         scoring=None,
         max_effects=5,
         significance=0.01,
+        input_hold="auto",
         n_jobs=None,
         random_state=None,
         verbose=0,
@@ -156,6 +162,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         self.scoring = scoring
         self.max_effects = max_effects
         self.significance = significance
+        self.input_hold = input_hold
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
@@ -183,7 +190,8 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         signals : array-like of shape (n_samples, n_signals), default=None
             Logged channels that the declared model does not use.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Inputs beside measured states, linear between samples; with `y` columns of X.
+            Inputs beside measured states, with `input_hold` between samples; with `y` columns of
+            X.
 
         Returns
         -------
@@ -269,8 +277,10 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
 
     def _of_one_law(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
         """Effects that recordings of one law ask for, or rows of a quantity that it gives."""
-        limits = self.significance, self.max_effects, bool(self.verbose)
-        found = searched_recordings(plain, measured, parts, listed_effects(self.effects), *limits)
+        library, limits = listed_effects(self.effects), (self.significance, self.max_effects)
+        found = searched_recordings(
+            plain, measured, parts, library, self.input_hold, *limits, bool(self.verbose)
+        )
         declared, *ends, final = found.joint_fits
         self.declared_estimator_ = self._handed_over(declared, measured)
         self.best_estimator_, self.effects_ = self._handed_over(final, measured), found.effects
