@@ -26,6 +26,7 @@ from swsysid._automaton_search.guards import (
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._ties import least_of
@@ -47,7 +48,7 @@ class GuardContext:
     interval: float
     terms: GuardTerms
     n_positions: int = 0  # of the states, the first: a speed jumps, and they go on
-    # a clock that begins elsewhere leaves guards without it what they are
+    # a memory: a clock that begins elsewhere leaves guards without it what they are
     solved: Solved = field(default_factory=dict)
 
     def crossed(self, switches: Switches) -> Crossed:
@@ -92,6 +93,7 @@ class Settled:
         )
 
 
+@step
 def settled(switches: Switches, context: GuardContext) -> Settled:
     """What the transition of some switches is, and when they happened."""
     if not switches.jumped.any():

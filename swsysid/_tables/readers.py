@@ -17,7 +17,7 @@ from swsysid._tables.cells import held_exactly
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.text import decoded, table_of_text
 
-RUN = "run"  # column that numbers the elements of an array of structs, from 1 as MATLAB does
+RUN = "run"  # column that numbers runs; elements of an array of structs from 1, as MATLAB does
 
 Columns = Iterator[tuple[str, NDArray]]
 
@@ -50,6 +50,11 @@ def read_table(
     for name in units or {}:
         table.resolve(name)
     return table
+
+
+def is_table(path: Path) -> bool:
+    """Whether the ending is that of text, a spreadsheet or arrays."""
+    return _kind(path) in _READERS
 
 
 def check_place(path: Path, is_folder: bool = False) -> None:
@@ -130,10 +135,13 @@ def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
     except ImportError as error:
         raise ImportError('install pyarrow (pip install "swsysid[parquet]").') from error
     frame = frame.reset_index() if frame.index.name else frame
-    units, columns = {}, {}
+    units, columns, starts = {}, {}, {}
     for name, column in frame.items():
         if column.dtype.kind in "mM":
-            column = (column - column.dropna().iloc[0]).dt.total_seconds()
+            first = column.dropna().iloc[0]
+            if column.dtype.kind == "M":
+                starts[str(name)] = first.timestamp()
+            column = (column - first).dt.total_seconds()
             units[str(name)] = "s"
         if pd.api.types.is_numeric_dtype(column):
             whole = column.dtype.kind in "iu"  # a column with missing values is none
@@ -141,7 +149,7 @@ def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
             columns[str(name)] = held_exactly(numbers)
         else:
             columns[str(name)] = column.to_numpy(dtype=object, na_value="")
-    return Table(path.name, columns, units)
+    return Table(path.name, columns, units, starts=starts)
 
 
 def _npz_columns(path: Path) -> Columns:

@@ -58,17 +58,19 @@ def table_of_text(source: str, text: str, missing: Sequence[str] = ()) -> Table:
     layout = layout_of(lines)
     kept, remarks = _rows_of_data(lines, layout)
     words = {word.strip().lower() for word in missing}
-    columns, units = {}, dict(zip(layout.names, layout.units, strict=True))
+    columns, starts, units = {}, {}, dict(zip(layout.names, layout.units, strict=True))
     frame = _frame([lines[k] for k in kept], layout, words)
     for k, name in enumerate(layout.names):
-        column, unit = _column(frame[k], layout, words)
+        column, unit, start = _column(frame[k], layout, words)
         if not name and column.dtype.kind == "f" and np.isnan(column).all():
             continue  # what a delimiter at the end of every row leaves
         columns[name or f"column{k + 1}"] = column
         units[name] = unit or units[name]
+        if start is not None:
+            starts[name] = start
     units = {name: unit for name, unit in units.items() if name and unit}
     told = (*_told(layout), *remarks)
-    return Table(source, columns, units, np.asarray(kept) + 1, told)
+    return Table(source, columns, units, np.asarray(kept) + 1, told, starts=starts)
 
 
 def _told(layout: Layout) -> tuple[str, ...]:
@@ -144,8 +146,8 @@ def _frame(lines: list[str], layout: Layout, words: set[str]):
     )
 
 
-def _column(cells, layout: Layout, words: set[str]) -> tuple[NDArray, str]:
+def _column(cells, layout: Layout, words: set[str]) -> tuple[NDArray, str, float | None]:
     if cells.dtype.kind in "fiub":
-        return held_exactly(cells.to_numpy()), ""
+        return held_exactly(cells.to_numpy()), "", None
     texts = ["" if cell is None or cell != cell else str(cell) for cell in cells]
     return column_of(texts, layout.decimal, lambda text: text.lower() in words or is_missing(text))

@@ -72,14 +72,18 @@ def test_predict(folder):
 
 
 @pytest.mark.parametrize(("to", "words"), [
-    ("c", b"int ball_step("), ("fmu", b"PK"), ("modelica", b"reinit("), ("sympy", b"mode 0 -> 0"),
+    ("c", b"int ball_step("), ("fmu --fmi-version 3", b"buildDescription"),
+    ("fmu", b"PK"), ("modelica", b"reinit("), ("sympy", b"mode 0 -> 0"),
+    ("matlab", b"function model = ball()"),
 ])  # fmt: skip
 def test_export(folder, to, words):
     if to == "sympy":
         pytest.importorskip("sympy")
     place = folder[0]
     out = place / "ball.out"
-    assert main(["export", str(place / "ball.json"), "--to", to, "--output", str(out)]) == 0
+    assert (
+        main(["export", str(place / "ball.json"), "--to", *to.split(), "--output", str(out)]) == 0
+    )
     assert words in out.read_bytes()
 
 
