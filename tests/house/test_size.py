@@ -34,8 +34,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
 # - many recordings are worked where they are (`_data`), each condensed to what it says of laws and
 #   surfaces (`_stays`, `top`), and what inputs do between rows is said to identifiers (`top`);
-# - long work goes on where it was stopped: a journal of steps, and what it is a journal of (`top`);
-#   a line for each function whose calls are steps, and what is the best until now (`_cli`, `_stays`,
+# - long work goes on where it was stopped: a journal of steps, and of what it is one (`top`);
+#   a line for each function whose calls are steps, and the best until now (`_cli`, `_stays`,
 #   `_automaton_search`, `_effect_search`, `_output_error`, `_identification`, `_discrete_stays`);
 # - a page shows what a model makes of recordings (`_recording_page`; `_cli` writes it), and a plane
 #   the columns that decide the mode (`_displays`);
