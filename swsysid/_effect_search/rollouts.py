@@ -204,7 +204,7 @@ def _rollout(
         t,
         part.X[:, part.n_states :] if part.n_inputs else None,
         signals=part.signals if part.signals.shape[1] else None,
-        input_hold="zero" if discrete else "linear",
+        input_hold="zero" if discrete or set(part.inputs) <= part.held else "linear",
         mode=model.joint_fit_.first_mode(part),
         rtol=_ROLLOUT_ACCURACY,
         atol=_ROLLOUT_ACCURACY * float(spread[spread > 0.0].min(initial=1.0)),

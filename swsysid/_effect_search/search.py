@@ -76,29 +76,30 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
     effects : "all" or list of Effect, default="all"
         Effects to look for; see `swsysid.effects`.
     cv : int, cross-validation generator or None, default=None
-        Folds inside the search. None or an int makes folds of whole trajectories or of
-        contiguous stretches, 5 by default.
+        Folds inside the search. None, which is 5, or an int: whole trajectories or stretches.
     scoring : callable or None, default=None
         ``scoring(y_true, y_pred) -> float`` of `score`; None is R2.
     max_effects : int, default=5
     significance : float, default=0.01
-        Of an effect found by chance in the whole search of one effect.
+        Of an effect found by chance in the whole search of one.
+    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+        What inputs of recordings with one law do between two rows, as `TrajectoryIdentifier` takes
+        it; of what steps at an instant that is not known a line has the mean.
     n_jobs : int or None, default=None
     random_state : int, RandomState instance or None, default=None
-        Of what is held out, and of the estimator where it has none itself. None is 0: the same
-        data give the same answer.
+        Of what is held out, and of the estimator where it has none itself. None is 0.
     verbose : int, default=0
         1 shows a progress bar.
     checkpoint : str or path, default=None
-        Folder of your own in which finished steps are kept: the same fit goes on from there after
-        it was stopped, and ends with the same answer. `best_so_far` reads what it has until now.
+        Folder of your own that keeps finished steps: the same fit goes on from there after it was
+        stopped, to the same answer. `best_so_far` reads the best until now.
 
     Attributes
     ----------
     best_estimator_ : EffectRegressor
         The declared model with the effects found, fitted to all rows.
     automaton_ : HybridAutomaton
-        Laws and transitions of `best_estimator_`, with the hysteresis and the resets found.
+        Laws and transitions of `best_estimator_`, with hysteresis and resets found.
     declared_estimator_ : EffectRegressor
         The declared model without effects, fitted to all rows.
     effects_ : list of FoundEffect
@@ -143,7 +144,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
 
     def __init__(
         self, estimator, *, effects="all", cv=None, scoring=None, max_effects=5, significance=0.01,
-        n_jobs=None, random_state=None, verbose=0, checkpoint=None,
+        input_hold="auto", n_jobs=None, random_state=None, verbose=0, checkpoint=None,
     ):  # fmt: skip
         self.estimator = estimator
         self.effects = effects
@@ -151,6 +152,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         self.scoring = scoring
         self.max_effects = max_effects
         self.significance = significance
+        self.input_hold = input_hold
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
@@ -174,12 +176,11 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
         groups : array-like of shape (n_samples,), default=None
-            Trajectory of each row. Without `t` and `groups` rows are exchangeable and effects
-            with a memory are not looked for.
+            Trajectory of each row. Without both rows are exchangeable and without memory.
         signals : array-like of shape (n_samples, n_signals), default=None
             Logged channels that the declared model does not use.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Inputs beside measured states, linear between samples; with `y` columns of X.
+            Inputs beside measured states; with `y` columns of X.
 
         Returns
         -------
@@ -253,9 +254,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         check_fitted(self, "best_estimator_")
         targets = rows_and_velocities(self, X, y)[1]
         predicted = self.predict(X, t=t, groups=groups, signals=signals)
-        if self.scoring is None:
-            return explained(targets, predicted)
-        return self.scoring(targets, predicted)
+        return (self.scoring or explained)(targets, predicted)
 
     predict_modes = _of_the_best(EffectRegressor.predict_modes)
     simulate = _of_the_best(EffectRegressor.simulate)
@@ -271,8 +270,9 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
 
     def _of_one_law(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
         """Effects that recordings of one law ask for, or rows of a quantity that it gives."""
+        asked = listed_effects(self.effects), self.input_hold
         limits = self.significance, self.max_effects, bool(self.verbose)
-        found = searched_recordings(plain, measured, parts, listed_effects(self.effects), *limits)
+        found = searched_recordings(plain, measured, parts, *asked, *limits)
         declared, *ends, final = found.joint_fits
         self.declared_estimator_ = self._handed_over(declared, measured)
         self.best_estimator_, self.effects_ = self._handed_over(final, measured), found.effects

@@ -187,7 +187,7 @@ def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
 def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
     stretches = stretches.corrected(law.terms)
     further = law.further(stretches.seen)
-    nodes = stretches.nodes(further)
+    nodes = stretches.nodes(further, law.keeps_steps(stretches.seen))
     recordings = nodes.recordings
     spread = stretches.records.X[:, : law.n_states].std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)

@@ -11,11 +11,12 @@ the negative gradient there. The squares that a candidate explains beside the la
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from swsysid._data.records import Records
 from swsysid._journal import step
@@ -200,6 +201,7 @@ class RolloutScore:
 
     followed: Estimate
     arrow: Arrow
+    band: Array  # lower factor of its band
     right: Array  # of the nodes, and of the coefficients of the law
     by_law: Array  # (n_states, n_own, n_intervals): of the ends of intervals, in units of the noise
     by_state: Array  # (n_states, n_states, n_intervals), likewise
@@ -223,6 +225,7 @@ class RolloutScore:
         return cls(
             followed,
             arrow,
+            cholesky_banded(arrow.band, lower=True, check_finite=False),
             right,
             legs.by_law.swapaxes(0, 1) / unit,
             legs.by_state.swapaxes(0, 1) * fit.noise[None, :, None] / unit,
@@ -257,11 +260,10 @@ class RolloutScore:
 
     def gains(self, trials: Sequence[PlacedEffect], responses: Sequence[Array]) -> Array:
         """Squares that each trial explains, in units of the noise."""
-        band = cholesky_banded(self.arrow.band, lower=True, check_finite=False)
         n_band = len(self.arrow.border)
         b, d = np.split(self.right, [n_band])
         own = cho_solve_banded(
-            (band, True), np.column_stack([self.arrow.border, b]), check_finite=False
+            (self.band, True), np.column_stack([self.arrow.border, b]), check_finite=False
         )
         seen = self.arrow.border.T @ own
         information, gradient = self.arrow.corner - seen[:, :-1], d - seen[:, -1]
@@ -274,7 +276,7 @@ class RolloutScore:
             counts = [move.shape[1] for move in own_moves]
             targets = np.repeat([trials[k].target for k in some], counts)
             border, beside, of_gaps = self._rows(targets, np.hstack(own_moves))
-            reached = cho_solve_banded((band, True), border, check_finite=False)
+            reached = cho_solve_banded((self.band, True), border, check_finite=False)
             across = beside - self.arrow.border.T @ reached
             left = of_gaps - border.T @ own[:, -1] - across.T @ (inverse @ gradient)
             start = 0
@@ -318,8 +320,14 @@ def explained(block: Array, left: Array, alone: Array) -> float:
 
 @step
 def scores(fit: Fitted, ties: Sequence[float] = SETTINGS.ties) -> list[RolloutScore]:
-    """Over some numbers of samples."""
-    return [RolloutScore.of(fit, tie) for tie in ties]
+    """Over some numbers of samples; LinAlgError where no step from the fit says anything."""
+    found = []
+    for tie in ties:
+        with suppress(LinAlgError):  # where states are let go too far nothing holds them
+            found.append(RolloutScore.of(fit, tie))
+    if not found:
+        raise LinAlgError("no tie holds the states")
+    return found
 
 
 def _at_once(moves: Sequence[Array]) -> list[list[int]]:
