@@ -75,18 +75,15 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
     effects : "all" or list of Effect, default="all"
         Effects to look for; see `swsysid.effects`.
     cv : int, cross-validation generator or None, default=None
-        Folds inside the search. None or an int makes folds of whole trajectories or of
-        contiguous stretches, 5 by default.
+        Folds inside the search; an int of whole trajectories or of contiguous stretches, None of 5.
     scoring : callable or None, default=None
         ``scoring(y_true, y_pred) -> float`` of `score`; None is R2.
     max_effects : int, default=5
     significance : float, default=0.01
         Of an effect found by chance in the whole search of one effect.
     input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
-        What inputs of recordings with one law do between two rows, of each or of all: they are on
-        a line, or keep their value until the next row; of what steps in between at an instant that
-        is not known a line has the mean. "auto" tries what rests and jumps, and holds it where the
-        declared law then leaves clearly less, as `TrajectoryIdentifier` does.
+        What inputs of recordings with one law do between two rows, as `TrajectoryIdentifier` takes
+        it; of what steps at an instant that is not known a line has the mean.
     n_jobs : int or None, default=None
     random_state : int, RandomState instance or None, default=None
         Of what is held out, and of the estimator where it has none itself. None is 0: the same
@@ -190,8 +187,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         signals : array-like of shape (n_samples, n_signals), default=None
             Logged channels that the declared model does not use.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Inputs beside measured states, with `input_hold` between samples; with `y` columns of
-            X.
+            Inputs beside measured states; with `y` columns of X.
 
         Returns
         -------
@@ -277,10 +273,8 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
 
     def _of_one_law(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
         """Effects that recordings of one law ask for, or rows of a quantity that it gives."""
-        library, limits = listed_effects(self.effects), (self.significance, self.max_effects)
-        found = searched_recordings(
-            plain, measured, parts, library, self.input_hold, *limits, bool(self.verbose)
-        )
+        asked = listed_effects(self.effects), self.input_hold, self.significance, self.max_effects
+        found = searched_recordings(plain, measured, parts, *asked, bool(self.verbose))
         declared, *ends, final = found.joint_fits
         self.declared_estimator_ = self._handed_over(declared, measured)
         self.best_estimator_, self.effects_ = self._handed_over(final, measured), found.effects
