@@ -17,6 +17,7 @@ from swsysid._effect_search.words import (
     error,
     explained,
     first_of,
+    held,
     interval,
     judged,
     judged_unit,
@@ -280,7 +281,7 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
     if report.n_held_out:
         yield (
             f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
-            f"({report.held_out}).{at_rest(report)}{_held(report)}"
+            f"({report.held_out}).{at_rest(report)}{held(report)}"
         )
     yield summary(report, units)
     laws = _laws(report.data) if report.data is not None and report.effects else []
@@ -314,14 +315,6 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
         if entries:
             yield f"{heading}:"
             yield from (f"  {entry}" for entry in first_of(entries, _NAMES_IN_TEXT))
-
-
-def _held(report: EffectContents) -> str:
-    """Which inputs keep their value between rows, in a sentence; "" where all are on lines."""
-    records = None if report.data is None else report.data.records
-    names = [] if records is None else [records.names[one] for one in sorted(records.held)]
-    keep = "keeps its value" if len(names) == 1 else "keep their values"
-    return f" {', '.join(names)} {keep} until the next row." if names else ""
 
 
 def _left_over(report: EffectContents) -> Iterator[str]:
