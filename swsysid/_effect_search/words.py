@@ -55,14 +55,6 @@ def law_of(name: str, report: EffectContents) -> str:
     return rate(name, report.discrete, report.static)
 
 
-def held(report: EffectContents) -> str:
-    """Which inputs keep their value between rows, in a sentence; "" where all are on lines."""
-    records = None if report.data is None else report.data.records
-    names = [] if records is None else [records.names[one] for one in sorted(records.held)]
-    keep = "keeps its value" if len(names) == 1 else "keep their values"
-    return f" {', '.join(names)} {keep} until the next row." if names else ""
-
-
 def explained(report: EffectContents, state: int) -> str:
     """The share of what is no noise that the effects explain, and what remains of that."""
     noise = noise_floor(report, state)
