@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.speed.reading --rows 1000000`` writes a file of each format (t, x, v, u),
 reads it by its own package and by `read_recordings`, each in a process of its own, and prints
-seconds, their ratio, and the peak of the memory. Files of messages, which their packages read one
-by one in Python, have a twentieth of the rows.
+seconds, their ratio, and the peak of the memory (or that of this process, if it is larger). Files
+of messages, which their packages read one by one in Python, have a twentieth of the rows.
 """
 
 from __future__ import annotations
