@@ -62,8 +62,8 @@ def _in_words(work: Callable[[], int]) -> int:
     except MemoryError:
         print("swsysid: the memory is full; --decimate K keeps every K-th row.", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("swsysid: stopped.", file=sys.stderr)
+    except KeyboardInterrupt as reason:  # it tells what a checkpoint holds, if there is one
+        print(f"swsysid: {reason or 'stopped.'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # The reader, such as head, has seen enough; what is left must not fail when it is flushed.
@@ -76,8 +76,8 @@ def _check_wishes(arguments: argparse.Namespace) -> None:
     modes(arguments.modes)
     if arguments.automaton and (arguments.diagnose or arguments.quick):
         raise TableError("--automaton goes without --diagnose and --quick; leave these out.")
-    if arguments.known and (arguments.automaton or arguments.diagnose):
-        raise TableError("--known goes without --automaton and --diagnose; leave these out.")
+    if arguments.known and arguments.diagnose:
+        raise TableError("--known goes without --diagnose; leave one of them out.")
     if arguments.diagnose:
         return
     for option in ("html", "signals", "effects"):

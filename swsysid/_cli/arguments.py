@@ -27,8 +27,9 @@ Unless derivatives are measured too, the laws, modes and switch instants are tho
 recording is most likely; smoothed derivatives serve as a start and as a test. What had to be
 mended, masked or left out is printed with its rows of the file. The equations with their standard
 errors, the switching surface and the error on held-out data, beside that of the best model without
-switching, are printed; the model (model.json), the text (identification.txt) and a picture of the
-modes (phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is
+switching, are printed; the model (model.json), the text (identification.txt), a picture of the
+modes (phase_portrait.png) and a page with the rollout over each trajectory, what it leaves, modes
+and guards (report.html) go into a folder. Without a file, a built-in damped oscillator is
 simulated, measured with noise and identified.
 
 With --diagnose the identified model is then asked what it lacks: friction, backlash, delays,
@@ -253,6 +254,13 @@ def _add_model(add: Callable) -> None:
     add("--test-fraction", type=float, default=0.3, help="held out for the error (default: 0.3)")
     add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")
     add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
+    add(
+        "--checkpoint",
+        type=Path,
+        metavar="DIR",
+        help="folder of your own for what is finished on the way: the same command goes on from it "
+        "after it was stopped",
+    )
     add("--jobs", type=int, metavar="N", help="starts searched in parallel")
     add(
         "-v",

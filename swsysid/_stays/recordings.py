@@ -18,6 +18,8 @@ from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._stays.settings import LIMITS, StaySettings
 
+Held = bool | NDArray[np.bool_]
+
 # In usual intervals: between two samples further apart times are inserted.
 _LONGEST_STEP = 1.5
 
@@ -51,7 +53,8 @@ class Recordings:
     unknown: tuple[NDArray[np.intp], ...] = ()
     first_step: float = 0.5  # part of a step that is integrated at once: a half, or 1
     per_sample: int = 1  # steps between two samples that follow each other as usual
-    held: bool = False  # inputs stay what they are from one sample to the next
+    # inputs that stay what they are from one sample to the next: all, none, or a mask (n_inputs,)
+    held: Held = False
 
     @classmethod
     def of(
@@ -60,11 +63,11 @@ class Recordings:
         guess: Sequence[Array] | None = None,
         between: Sequence[Array] | None = None,
         *,
-        held: bool = False,
+        held: Held = False,
     ) -> Recordings:
         """Records of any lengths; by default their own values are the rough ones.
 
-        `between` are further times of each, between its samples; `held` says that inputs are not
+        `between` are further times of each, between its samples; `held` says which inputs are not
         linear there but stay what they are.
         """
         guess = [record.filled for record in records] if guess is None else guess
@@ -103,7 +106,7 @@ class Recordings:
     @property
     def after(self) -> Array:
         """Inputs at the ends of the steps, before they may jump there."""
-        return self.u[:-1] if self.held else self.u[1:]
+        return np.where(self.held, self.u[:-1], self.u[1:])
 
     @property
     def interval(self) -> float:
@@ -226,7 +229,7 @@ class Recordings:
         low = np.minimum(fine.astype(int), len(self.steps) - 1)
         share = (fine - low)[:, None, None]
         u, guess = (one[low] + share * (one[low + 1] - one[low]) for one in (self.u, self.guess))
-        u = self.u[fine.astype(int)] if self.held else u
+        u = np.where(self.held, self.u[fine.astype(int)], u)
         y, sizes = np.full(guess.shape, np.nan), None
         y[::parts] = self.y
         if self.sizes is not None:
@@ -294,7 +297,7 @@ def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDA
 
 
 def _filled_in(
-    record: Record, guess: Array, further: Array, interval: float, held: bool
+    record: Record, guess: Array, further: Array, interval: float, held: Held
 ) -> tuple[Record, Array, NDArray[np.intp]]:
     """A record with times between far samples, its rough states, and places of its samples."""
     counts = np.ceil(np.diff(record.t) / (_LONGEST_STEP * interval)).astype(int)
@@ -306,8 +309,7 @@ def _filled_in(
     y = np.full((len(t), record.y.shape[1]), np.nan)
     y[places] = record.y
     u, states = (between(t, record.t, columns) for columns in (record.u, guess))
-    if held:
-        u = record.u[np.searchsorted(record.t, t, side="right") - 1]
+    u = np.where(held, record.u[np.searchsorted(record.t, t, side="right") - 1], u)
     return Record(t, y, u, record.unknown), states, places
 
 
@@ -338,6 +340,6 @@ def in_exact_steps(
 def _gathered(recordings: Recordings, laws: Laws) -> Array:
     """Error of the longest rollout with one step for each interval, (n_states,)."""
     inside = recordings.steps > 0.0
-    x, u, after = recordings.guess[:-1][inside], recordings.u[:-1][inside], recordings.u[1:][inside]
+    x, u, after = recordings.guess[:-1][inside], recordings.u[:-1][inside], recordings.after[inside]
     errors = laws.error_of_steps(x, u, after, recordings.steps[inside])
     return np.asarray(len(recordings.steps) * errors.mean(axis=0), dtype=float)

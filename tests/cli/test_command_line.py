@@ -91,6 +91,7 @@ def test_a_csv_becomes_equations_surface_error_model_and_picture(recording, tmp_
         "identification.txt",
         "model.json",
         "phase_portrait.png",
+        "report.html",
     ]
     model = load_model(tmp_path / "out" / "model.json")
     assert "mode 0 where x < " in text and "mode 1 where x > " in text  # words for the surface
