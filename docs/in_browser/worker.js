@@ -13,7 +13,9 @@ const start = async ({ pyodide }) => {
   const wheel = await fetch("swsysid.whl");
   if (!wheel.ok) throw new Error(`swsysid.whl: ${wheel.statusText}`);
   python.unpackArchive(await wheel.arrayBuffer(), "wheel");
-  await python.runPythonAsync("from swsysid._cli.in_browser import columns_of, identified");
+  await python.runPythonAsync(
+    "from swsysid.__main__ import main; from swsysid._cli.in_browser import columns_of, identified",
+  );
   return {};
 };
 const literal = (value) => JSON.stringify(value); // a text, or a list of texts, is the same in Python
@@ -24,7 +26,7 @@ const QUESTIONS = {
     return JSON.parse(await python.runPythonAsync(`columns_of(${literal(name)})`));
   },
   identify: async ({ words }) =>
-    JSON.parse(await python.runPythonAsync(`identified(${literal(words)})`)),
+    JSON.parse(await python.runPythonAsync(`identified(main, ${literal(words)})`)),
 };
 onmessage = async ({ data }) => {
   try {

@@ -25,6 +25,7 @@ from swsysid._automaton_search.guards import (
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._ties import least_of
@@ -89,6 +90,7 @@ class Settled:
         )
 
 
+@step
 def settled(switches: Switches, context: GuardContext) -> Settled:
     """What the transition of some switches is, and when they happened."""
     if not switches.jumped.any():

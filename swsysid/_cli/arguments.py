@@ -254,6 +254,13 @@ def _add_model(add: Callable) -> None:
     add("--test-fraction", type=float, default=0.3, help="held out for the error (default: 0.3)")
     add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")
     add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
+    add(
+        "--checkpoint",
+        type=Path,
+        metavar="DIR",
+        help="folder of your own for what is finished on the way: the same command goes on from it "
+        "after it was stopped",
+    )
     add("--jobs", type=int, metavar="N", help="starts searched in parallel")
     add(
         "-v",

@@ -17,6 +17,7 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.runs import parted
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.text import described, preparation, units_of_displays
+from swsysid._journal import handing_over
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import stage
 from swsysid._results import Array, SolverError
@@ -146,11 +147,6 @@ def searched(
     States as they were measured are searched, for what a filter has smeared looks like other
     effects; with order 2 velocities are those of the filter.
     """
-    import pandas as pd
-
-    def frame(columns: NDArray, names: Sequence[str]) -> pd.DataFrame | None:
-        return pd.DataFrame(columns, columns=list(names)) if len(names) else None
-
     search = EffectSearchCV(
         declared,
         effects=list(effects),
@@ -159,6 +155,21 @@ def searched(
         random_state=options.random_state,
         verbose=int(options.verbose),
     )
+    with handing_over(None):
+        return _fitted(search, samples, declared, options)
+
+
+def _fitted(
+    search: EffectSearchCV,
+    samples: Samples,
+    declared: SwitchingSystemRegressor,
+    options: JobOptions,
+) -> EffectSearchCV:
+    import pandas as pd
+
+    def frame(columns: NDArray, names: Sequence[str]) -> pd.DataFrame | None:
+        return pd.DataFrame(columns, columns=list(names)) if len(names) else None
+
     recorded, n_states = samples.recorded, len(samples.rate_names)
     names, signal_names = samples.names, samples.signal_names
     signals, t, groups = samples.signals, samples.t, samples.groups

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from swsysid._cli.output import MODEL, REPORT
 from swsysid._tables.readers import read_table
-from swsysid._tables.recordings import usual_clock
+from swsysid._tables.several import usual_clock
 from swsysid._tables.table import NUMERIC, TableError
 
 _FOLDER = "swsysid_output"
@@ -45,10 +45,8 @@ def columns_of(path: str) -> str:
     return json.dumps({"columns": found})
 
 
-def identified(words: Sequence[str]) -> str:
-    """Run the command line: its page and its model, or why it refuses."""
-    from swsysid.__main__ import main
-
+def identified(main: Callable[[list[str]], int], words: Sequence[str]) -> str:
+    """Run the command line, its `main`: its page and its model, or why it refuses."""
     said, why = io.StringIO(), io.StringIO()
     with redirect_stdout(said), redirect_stderr(why):
         try:

@@ -22,6 +22,7 @@ from joblib import delayed as later
 from numpy.typing import NDArray
 
 from swsysid._data.trajectories import LATER, between_limits, events_in, limits_apart
+from swsysid._journal import resumable, step
 from swsysid._results import Array, Trajectory
 
 
@@ -167,6 +168,7 @@ class ManyRecordings:
     of_dask: bool
     n_jobs: int | None = None
 
+    @step
     def map(self, function: Callable[[int, object], Answer]) -> list[Answer]:
         """`function` of the number of each recording and itself, in their order.
 
@@ -199,13 +201,15 @@ class ManyRecordings:
     ) -> list[list[Answer]]:
         pairs = zip(firsts, self.parts, strict=True)
         if not self.of_dask:
-            calls = (later(_on_part)(function, first, part) for first, part in pairs)
+            calls = [later(resumable(_on_part))(function, first, part) for first, part in pairs]
             return list(Parallel(n_jobs=self.n_jobs)(calls))
         from dask import compute, delayed
 
         # the function is one node of the graph: every worker gets it once
-        run, function = delayed(_on_part, pure=False), delayed(function, pure=False)
-        return list(compute(*[run(function, first, part) for first, part in pairs]))
+        function = delayed(function, pure=False)
+        steps = [delayed(resumable(_on_part), pure=False) for _ in self.parts]
+        tasks = [one(function, *pair) for one, pair in zip(steps, pairs, strict=True)]
+        return list(compute(*tasks))
 
 
 def many_recordings(x: object, n_jobs: int | None = None) -> ManyRecordings | None:

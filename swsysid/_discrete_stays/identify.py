@@ -28,6 +28,7 @@ from swsysid._discrete_stays.search import (
     lasting_only,
 )
 from swsysid._discrete_stays.states import NoiseProfile, with_states
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.arrow import covariance_of
 
@@ -86,6 +87,7 @@ class DiscreteStays:
     names: Labels
 
 
+@step
 def identify_stays(
     recordings: Sequence[Record],
     lags: int | str = "auto",
@@ -159,6 +161,7 @@ def identify_stays(
     return _answer(one, own, tried, shapes, order)
 
 
+@step
 def with_guards(stays: DiscreteStays, guards: Sequence[KnownGuard]) -> tuple[DiscreteStays, float]:
     """Modes that ask guards, laws for these, and the log likelihood of the modes.
 

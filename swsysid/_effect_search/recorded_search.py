@@ -18,6 +18,7 @@ from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.recording import Measured
+from swsysid._journal import offer
 from swsysid._output_error.criterion import Left, fall, go_astray
 from swsysid._output_error.engines import QUANTITIES, RATES
 from swsysid._output_error.estimate import Fit, cost
@@ -148,6 +149,7 @@ def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOu
         outcome = replace(
             outcome, search=done.search, models=models, findings=done.findings, tried=()
         )
+        offer(outcome.joint_fit(models[-1]))
         outcome = _with_instants(outcome)
         listed = [one.candidate for one in outcome.findings]
         outcome = _confirmed(outcome, strict)

@@ -29,12 +29,7 @@ from swsysid._noise import root_mean_square
 from swsysid._rendering.printing import text_table
 from swsysid._residual_report.report import ResidualReport
 from swsysid._results import Array
-from swsysid.effects import (
-    FoundEffect,
-    StructureEffect,
-    UnknownFunction,
-    UnmeasuredDisturbance,
-)
+from swsysid.effects import FoundEffect, StructureEffect, UnknownFunction, UnmeasuredDisturbance
 
 _HIDDEN = 0.5  # share of a fall: where gross rows leave less of it, both are told
 _NAMES_IN_TEXT = 12  # lines of a terminal
@@ -318,8 +313,8 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
 
 def _held(report: EffectContents) -> str:
     """Which inputs keep their value between rows, in a sentence; "" where all are on lines."""
-    records = None if report.data is None else report.data.records
-    names = [] if records is None else [records.names[one] for one in sorted(records.held)]
+    records = report.data and report.data.records
+    names = [records.names[one] for one in sorted(records.held)] if records else []
     keep = "keeps its value" if len(names) == 1 else "keep their values"
     return f" {', '.join(names)} {keep} until the next row." if names else ""
 

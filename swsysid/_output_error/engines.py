@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from swsysid._journal import step
 from swsysid._output_error import estimate, scan
 from swsysid._output_error.criterion import Left, price
 from swsysid._output_error.estimate import Courses, Fit, Places, cost
@@ -82,6 +83,7 @@ class Weighted:
         return left[:, None]
 
 
+@step
 def fitted(
     law: Law,
     stretches: Stretches,
@@ -101,11 +103,13 @@ def fitted(
     return Regressed(replace(law, coef=coef), rows.left(coef[0]), rows)
 
 
+@step
 def left_over(fit: Fit, stretches: Stretches, start: Courses | None = None) -> Left:
     """What a fitted law leaves of other stretches."""
     return Left(left_of(fit, stretches), stretches.series)
 
 
+@step
 def left_of(fit: Fit, stretches: Stretches) -> Array:
     """What a fitted law leaves of the values of other stretches, (n_samples, 1)."""
     return Weighted.of(fit.law, stretches).left(fit.law.coef[0])
@@ -152,6 +156,7 @@ class RowScore:
         return gains
 
 
+@step
 def scores(fit: Regressed, ties: Sequence[float] = SETTINGS.ties) -> list[RowScore]:
     """The one score that there is, whatever the ties: rows follow nothing."""
     return [RowScore.of(fit)]

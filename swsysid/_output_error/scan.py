@@ -19,6 +19,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from swsysid._data.records import Records
+from swsysid._journal import step
 from swsysid._output_error.estimate import Fitted, of_samples
 from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
@@ -121,6 +122,7 @@ class Score(Protocol):
         """Squares that each trial explains, in units of the noise, by the response to each."""
 
 
+@step
 def shortlist(
     law: Law, scores: Sequence[Score], stretches: Stretches, listed: Sequence[Candidate]
 ) -> list[PlacedEffect]:
@@ -316,6 +318,7 @@ def explained(block: Array, left: Array, alone: Array) -> float:
     return max(0.0, float(left @ np.linalg.pinv(block, rcond=1e-8, hermitian=True) @ left))
 
 
+@step
 def scores(fit: Fitted, ties: Sequence[float] = SETTINGS.ties) -> list[RolloutScore]:
     """Over some numbers of samples; LinAlgError where no step from the fit says anything."""
     found = []

@@ -11,19 +11,13 @@ from functools import cached_property
 import numpy as np
 from numpy.linalg import LinAlgError
 
+from swsysid._journal import step
+from swsysid._output_error import scan
 from swsysid._output_error.criterion import Fall, Left, as_good, fall, price
 from swsysid._output_error.engines import Engine, Model, as_likely
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
-from swsysid._output_error.scan import (
-    Candidate,
-    candidates,
-    is_of_a_sensor,
-    is_sought,
-    of_sensors,
-    shortlist,
-    variants,
-)
+from swsysid._output_error.scan import Candidate, of_sensors, shortlist, variants
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values
@@ -140,6 +134,7 @@ class Search:
         """The same search for a law with another disturbance."""
         return replace(self, stretches=replace(self.stretches, disturbance=disturbance))
 
+    @step
     def started(self, declared: Law) -> Searched:
         """The declared model, and the first effect if there is one."""
         first = self.model(self.engine.fitted(declared, self.stretches))
@@ -158,6 +153,7 @@ class Search:
         unseen = Left(np.vstack(left), self.stretches.some(stretches).series)
         return Model(fit, unseen)
 
+    @step
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
         """The best of the candidates beside a model; None if none is worth it.
 
@@ -167,7 +163,7 @@ class Search:
         listed = self.candidates
         best_of: dict[tuple, Fit] = {}
         refuted = {self._key(one) for one in self.refuted}
-        sensors = [effect for effect in self.effects if is_of_a_sensor(effect)]
+        sensors = [effect for effect in self.effects if scan.is_of_a_sensor(effect)]
         left = self.engine.left_of(now.fit, self.stretches) if sensors else np.zeros((0, 0))
         asked = of_sensors(now.law, left, self.stretches, sensors)
         corrected = self.stretches.corrected(now.law.terms)
@@ -349,7 +345,7 @@ class Search:
     @cached_property
     def effects(self) -> list[Effect]:
         """What is looked for."""
-        return [effect for effect in self.library if is_sought(effect)]
+        return [effect for effect in self.library if scan.is_sought(effect)]
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -358,7 +354,7 @@ class Search:
         named = [effect for effect in self.effects if not isinstance(effect, UnknownFunction)]
         if len(named) < len(self.effects):
             named += [shape for shape in shapes(seen) if len(shape.channels) == 1]
-        return list(candidates(named, seen, self.targets))
+        return list(scan.candidates(named, seen, self.targets))
 
     @property
     def skipped(self) -> dict[str, str]:
@@ -368,7 +364,7 @@ class Search:
             missing = effect.missing(seen)
             if missing is not None:
                 reasons[effect.kind] = missing
-            elif not is_sought(effect):
+            elif not scan.is_sought(effect):
                 reasons[effect.kind] = "is not looked for in recordings of one law"
         return reasons
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.descent import Reached, most_likely_with_guards
 from swsysid._stays.guards import Guards
@@ -21,6 +22,7 @@ from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_re
 from swsysid.metrics._modes import best_matching, contingency
 
 
+@step
 def with_surface(
     start: SwitchingSystemRegressor,
     reached: Reached,
@@ -51,6 +53,7 @@ def on_present_modes(reached: Reached) -> Reached:
     return replace(reached, estimate=reached.estimate.only(present))
 
 
+@step
 def on_surface(
     model: SwitchingSystemRegressor,
     reached: Reached,
@@ -67,6 +70,7 @@ def on_surface(
     return other, reached
 
 
+@step
 def with_few_monomials(
     model: SwitchingSystemRegressor, reached: Reached, settings: StaySettings
 ) -> tuple[SwitchingSystemRegressor, Reached]:

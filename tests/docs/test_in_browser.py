@@ -15,6 +15,7 @@ import pytest
 from browser import opened, rendered
 from page_server import served
 
+from swsysid.__main__ import main
 from swsysid._cli.in_browser import columns_of, identified
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -132,8 +133,8 @@ def test_the_command_line_refuses_through_the_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("log.csv").write_text("t,x\n0,1\n1,2\n", encoding="utf-8")
     assert "too few" in columns_of("log.csv") or json.loads(columns_of("log.csv"))["columns"]
-    assert "'y'" in json.loads(identified(["log.csv", "--states", "y"]))["refused"]
-    assert "is no option" in json.loads(identified(["log.csv", "--nothing"]))["refused"]
+    assert "'y'" in json.loads(identified(main, ["log.csv", "--states", "y"]))["refused"]
+    assert "is no option" in json.loads(identified(main, ["log.csv", "--nothing"]))["refused"]
     assert "nowhere.csv" in json.loads(columns_of("nowhere.csv"))["refused"]
 
 
