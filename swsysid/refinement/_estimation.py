@@ -18,12 +18,14 @@ from swsysid._stays.rollouts import modes_at
 from swsysid.refinement._parameters import (
     Parametrization,
     ParametrizedPlant,
+    System,
     fitted_and_free,
+    grid_of,
     output_of,
+    substeps_for,
 )
 from swsysid.refinement._result import RefinementResult, robust_covariance
 from swsysid.refinement._stated import StatedModel
-from swsysid.refinement._system import System, grid_of, substeps_for
 from swsysid.refinement._trajectories import (
     Observed,
     Recording,
