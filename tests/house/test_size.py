@@ -48,6 +48,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - which recording would tell most is simulated beforehand (`refinement`);
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`).
+# - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
+# - a placed effect says which channels it names (`effects`, which `_effect_model` did).
 MOST_LINES = {
     "_automaton": 3270,
     "_automaton_search": 5400,
