@@ -221,6 +221,14 @@ class Estimation:
         """Initial states of whole rollouts of the given model, (n_records, n_states)."""
         return self._fitted(self._begun(self._whole), max_nfev).starts
 
+    def told(self) -> tuple[Array, Array]:
+        """Slopes and misfits of whole rollouts of the given model, their starts eliminated.
+
+        In units of the noise, (n_residuals, n_parameters) and (n_residuals,).
+        """
+        whole = self._begun(self._whole)
+        return whole.slopes_of_parameters, whole.without_starts(whole.misfit[:, None])[:, 0]
+
     def _starts_poorly(self, whole: Rollouts) -> bool:
         """True if whole rollouts of the given model are worse than the mean of the channels."""
         if not self.joined:
