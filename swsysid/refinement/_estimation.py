@@ -195,11 +195,8 @@ class Estimation:
     # -- stages ----------------------------------------------------------------------------
 
     def refined(self, max_nfev: int) -> RefinementResult:
-        """Fit the segments by themselves, then whole rollouts; keep what makes these better.
-
-        Nodes at every time (`_stays.lifted`) need fewer integrations where states are measured;
-        behind sensors the damper of two modes of `benchmarks.measured` ends at 337 so, not at 27.3.
-        """
+        """Fit the segments by themselves, then whole rollouts; keep what makes these better."""
+        # nodes at every time (`_stays.lifted`) in place of segments: a damper ends at 337, not 27
         whole = best = self._begun(self._whole)
         if self._starts_poorly(whole):
             best = self._fitted(self.apart, max(1, max_nfev // 4))
