@@ -45,9 +45,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - affine laws step as exactly as recordings ask, all steps of one length at once, so that long
 #   recordings need no finer steps, and trials of stays end where they are refuted (`_stays`);
 #   guards' programs that did not change are not solved again (`_automaton_search`);
-# - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
-# - a placed effect says which channels it names (`effects`, which `_effect_model` did).
 # - which recording would tell most is simulated beforehand (`refinement`);
+# - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`).
 MOST_LINES = {
     "_automaton": 3270,
