@@ -28,18 +28,20 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   automata are held to it and ask it (`_automaton_search`), and reports name what it contradicts;
 # - guards have several conditions (`_automaton`, with the settings of SpaceEx models;
 #   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
+# - modes that a lag remembers are parted (`_discrete_stays/relations`, a file), and free rollouts
+#   choose between two descriptions in discrete time (`_automaton_search/sampled`);
 # - many recordings are worked where they are (`_data`), each condensed to what it says of laws and
 #   surfaces (`_stays`, `top`), and what inputs do between rows is said to identifiers (`top`);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`).
 MOST_LINES = {
     "_automaton": 3310,
-    "_automaton_search": 5310,
+    "_automaton_search": 5370,
     "_checks": 600,
     "_cli": 3880,
     "_data": 2320,
     "datasets": 2510,
     "differentiation": 1610,
-    "_discrete_stays": 2110,
+    "_discrete_stays": 2210,
     "_displays": 1590,
     "_effect_model": 2410,
     "_effect_search": 9050,
@@ -65,7 +67,7 @@ MOST_LINES = {
     "_verdict": 1720,
     "top": 3560,
 }
-MOST_FILES = 420  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
+MOST_FILES = 421  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
 MOST_SETTINGS = 381
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
