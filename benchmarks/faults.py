@@ -21,7 +21,7 @@ import sys
 import tempfile
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import wraps
@@ -120,7 +120,7 @@ def checkpointed():
 WORK = {
     "l1": rows,
     "l2": lambda: rows(loss="l2"),
-    "squared, sparse": lambda: rows(loss="squared", sparsity="auto"),
+    "squared": lambda: rows(loss="squared", sparsity="auto"),
     "known": lambda: rows(known=["x0' = x1"]),
     "recordings": trajectory,
     "automaton": automaton,
@@ -261,7 +261,7 @@ def faults_of(work: Callable, sites: dict, kinds: dict) -> Iterator[tuple[str, s
             yield place, name, outcome(work, watch, sites, usual, said)
 
 
-def all_faults(only: str = "") -> dict[str, dict[str, Counter]]:
+def all_faults(only: Sequence[str] = (*WORK, *FILES)) -> dict[str, dict[str, Counter]]:
     """Of each place, and each fault, how often what has happened in the works that come by."""
     found: dict[str, dict[str, Counter]] = {}
     of_files = {os: ["replace", "fsync"], Path: ["write_bytes", "write_text", "open", "chmod"]}
@@ -269,7 +269,7 @@ def all_faults(only: str = "") -> dict[str, dict[str, Counter]]:
     rounds += [(name, work, SOLVERS, OF_SOLVERS) for name, work in WORK.items()]
     rounds += [(name, work, of_files, OF_FILES) for name, work in FILES.items()]
     for name, work, sites, kinds in rounds:
-        if only in name:
+        if name in only:
             print(name, file=sys.stderr)
             for place, fault, what in faults_of(work, sites, kinds):
                 found.setdefault(place, {}).setdefault(fault, Counter())[what] += 1
@@ -299,7 +299,8 @@ def page(found: dict[str, dict[str, Counter]]) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--docs", type=Path)
-    parser.add_argument("--only", default="", help="works whose name has this")
+    every = [*WORK, *FILES]
+    parser.add_argument("--only", nargs="+", default=every, choices=every, metavar="WORK")
     arguments = parser.parse_args()
     text = page(all_faults(arguments.only))
     print(text)
