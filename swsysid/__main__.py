@@ -28,13 +28,15 @@ def main(argv: list[str] | None = None) -> int:
 
 def _with_model(arguments: argparse.Namespace) -> int:
     """Do something with a model that is there."""
-    from swsysid._cli.commands import WORK
+    from swsysid._cli.commands import WORK, of_a_path
     from swsysid.exporting import NoFormulaError
 
     try:
         told = WORK[arguments.command](arguments)
-    except (NoFormulaError, ImportError, OSError) as error:
+    except (NoFormulaError, ImportError) as error:
         raise TableError(str(error)) from None
+    except OSError as error:
+        raise TableError(of_a_path(error)) from None
     print(told)
     sys.stdout.flush()
     return 0

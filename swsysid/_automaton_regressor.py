@@ -33,7 +33,7 @@ from swsysid._verdict.comparison import Split
 from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._verdict.words import AUTOMATON
-from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid._whole_or_nothing import failing_in_words
 from swsysid.exporting import ToOtherTools
 
 
@@ -210,7 +210,6 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.verbose = verbose
         self.checkpoint = checkpoint
 
-    @whole_or_nothing
     @checkpointed
     def fit(self, x, t=None, groups=None, inputs=None):
         """Identify laws, modes, guards and resets.

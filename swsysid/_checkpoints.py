@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Callable, Mapping
-from functools import cache, wraps
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -24,6 +25,7 @@ from swsysid._checks.parameters import shown
 from swsysid._data.recordings import many_recordings
 from swsysid._data.sources import Rows, holds_blocks, row_blocks
 from swsysid._journal import handing_over, is_open, journal, offer
+from swsysid._whole_or_nothing import whole_or_nothing
 
 _WITHOUT_MEANING = {"n_jobs", "verbose", "checkpoint"}
 
@@ -40,26 +42,31 @@ Fitted = TypeVar("Fitted", bound=_Resumable)
 def checkpointed(fit: Callable[..., Fitted]) -> Callable[..., Fitted]:
     """A `fit` that goes on where one with the same checkpoint, data and parameters was stopped.
 
-    A fit within a fit has no checkpoint of its own: its steps are that one's.
+    It is done wholly or not at all. A fit within a fit has no checkpoint of its own: its steps are
+    that one's.
     """
+    return whole_or_nothing(fit, _kept)
 
-    @wraps(fit)
-    def fitted(self: Fitted, *data: object, **options: object) -> Fitted:
-        folder = self.checkpoint
-        if folder is None or is_open():
-            return fit(self, *data, **options)
-        if not isinstance(folder, (str, os.PathLike)):
-            raise TypeError(f"checkpoint={shown(folder)} must be None or the name of a folder.")
-        work = {"estimator": type(self).__qualname__, **versions()}
-        work |= {name: _of_value(value) for name, value in sorted(self.get_params().items())
-                 if name.split("__")[-1] not in _WITHOUT_MEANING}  # fmt: skip
-        with journal(folder, work | {"data": _of_data(*data, **options)}):
-            done = fit(self, *data, **options)
-            with handing_over(lambda found: found):
-                offer(done)
-            return done
 
-    return fitted
+@contextmanager
+def _kept(self: _Resumable, *data: object, **options: object) -> Iterator[None]:
+    """The journal of a fit, which holds the fitted estimator in the end."""
+    folder = self.checkpoint
+    if folder is None or is_open():
+        yield
+        return
+    if not isinstance(folder, (str, os.PathLike)):
+        raise TypeError(f"checkpoint={shown(folder)} must be None or the name of a folder.")
+    work = {"estimator": type(self).__qualname__, **versions()}
+    work |= {
+        name: _of_value(value)
+        for name, value in sorted(self.get_params().items())
+        if name.split("__")[-1] not in _WITHOUT_MEANING
+    }
+    with journal(folder, work | {"data": _of_data(*data, **options)}):
+        yield
+        with handing_over(lambda found: found):
+            offer(self)
 
 
 def versions() -> Mapping[str, str]:

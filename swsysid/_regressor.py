@@ -31,7 +31,6 @@ from swsysid._identification.setup import (
 from swsysid._identification.terms import surface_candidates
 from swsysid._journal import handing_over, offer
 from swsysid._simulation.model import SwitchingModel, WithSwitchingModel
-from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.metrics._scorers import ScoredByR2
 from swsysid.relaxations import get_relaxation
 from swsysid.relaxations._base import one_hot
@@ -183,7 +182,6 @@ class SwitchingSystemRegressor(
         self.verbose = verbose
         self.checkpoint = checkpoint
 
-    @whole_or_nothing
     @checkpointed
     def fit(self, X, y, sample_weight=None, *, groups=None):
         """Identify the modes and the surface.

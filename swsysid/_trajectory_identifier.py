@@ -32,7 +32,7 @@ from swsysid._stays.weighted import weighted
 from swsysid._verdict.comparison import Split
 from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
-from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid._whole_or_nothing import failing_in_words
 from swsysid.exporting import ToOtherTools
 from swsysid.refinement._rollout_score import rollout_score
 
@@ -190,7 +190,6 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         self.verbose = verbose
         self.checkpoint = checkpoint
 
-    @whole_or_nothing
     @checkpointed
     def fit(self, x, t=None, groups=None, inputs=None):
         """Identify the laws, the modes and the surface.

@@ -178,4 +178,13 @@ def _write(path: str, names: Sequence[str], columns: Sequence[NDArray]) -> None:
     write_text(path, "\n".join(rows) + "\n")
 
 
+def of_a_path(error: OSError) -> str:
+    """What is wrong with a path, in a sentence."""
+    place = Path(str(error.filename))
+    if isinstance(error, FileNotFoundError):
+        missing = "file" if place.parent.is_dir() else "folder"
+        return f"There is no {missing} {place if missing == 'file' else place.parent}."
+    return f"{place} cannot be used: {(error.strerror or 'it is no file').lower()}."
+
+
 WORK = {"simulate": simulate, "predict": predict, "export": export, "show": show}

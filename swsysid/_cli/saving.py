@@ -74,7 +74,10 @@ def save_diagnosis(
 
     def write(draft: Path, beside: Path | None) -> str:
         assert beside is not None
-        written = "" if several is None else _write_automaton(several, draft)
+        written = ""
+        if several is not None:
+            written = _write_automaton(several, draft)
+            written += _write_report(several, _recorded(samples), samples, text, draft)
         return written + _write_search(search, samples, recording, draft, beside)
 
     declared = search.declared_estimator_.estimator_

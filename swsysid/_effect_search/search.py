@@ -36,7 +36,6 @@ from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
 from swsysid._journal import handing_over, offer
 from swsysid._results import IdentificationWarning
-from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.exporting import ToOtherTools
 from swsysid.metrics._scorers import explained
 
@@ -159,7 +158,6 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         self.verbose = verbose
         self.checkpoint = checkpoint
 
-    @whole_or_nothing
     @checkpointed
     def fit(self, X, y=None, *, t=None, groups=None, signals=None, inputs=None):
         """Search.
@@ -230,7 +228,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
             plain = measured.fitted(self._declared, rows)  # where rolled out it is not what counts
             self._alarms = [] if rolled_out else alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
-                warnings.warn(alarm, IdentificationWarning, stacklevel=3)
+                warnings.warn(alarm, IdentificationWarning, stacklevel=4)
             if of_one:
                 final = self._of_one_law(measured, parts, plain)
             else:
@@ -240,9 +238,9 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
             enough = measured.enough(parts, rolled_out)
             told = "samples are too few to hold any out: the declared model is returned unchanged."
             told = f"{len(measured.records)} {told} {enough}"
-            warnings.warn(told, IdentificationWarning, stacklevel=3)
+            warnings.warn(told, IdentificationWarning, stacklevel=4)
             self.effects_, self.report_ = [], EffectReport.nothing_done(measured, enough)
-        warn_of_doubts(final, 3)
+        warn_of_doubts(final, 4)
         return self
 
     def predict(self, X, *, t=None, groups=None, signals=None):

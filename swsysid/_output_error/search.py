@@ -178,8 +178,7 @@ class Search:
                     continue
                 # beside a channel's own term it always fits better: whether surely, is asked later
                 key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))
-                if key not in best_of or cost(fit) < cost(best_of[key]):
-                    best_of[key] = fit
+                best_of[key] = min(best_of.get(key, fit), fit, key=cost)
         models = [*self._models(self._likeliest(list(best_of.values())))]
         done = self.gain(first, now).share
         models = [

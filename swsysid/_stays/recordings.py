@@ -83,7 +83,7 @@ class Recordings:
         u, rough = np.zeros((n_times, count, n_inputs)), np.zeros((n_times, count, n_states))
         for place, (record, states, _) in enumerate(parts):
             n, n_measured = len(record.t), record.y.shape[1]
-            steps[: n - 1, place] = np.diff(record.t)
+            steps[: n - 1, place] = durations(record.t)
             y[:n, place, :n_measured] = record.y
             u[:n, place], u[n:, place] = record.u, record.u[-1]
             rough[:n, place], rough[n:, place] = states, states[-1]
@@ -278,12 +278,20 @@ class Recordings:
                 line = self.u[first, k] + on_line[:, :, None] * slope
                 u[places, k] = np.where(smooth, line, u[places, k])
                 t[places] = between
-            times[k], steps[: len(t) - 1, k] = t, np.diff(t)
+            times[k], steps[: len(t) - 1, k] = t, durations(t)
         return replace(self, times=tuple(times), steps=steps, u=u)
 
     def with_guess(self, guess: Array) -> Recordings:
         """The same with other rough states."""
         return replace(self, guess=guess)
+
+
+def durations(t: Array) -> Array:
+    """Of the steps between times; those that differ by the rounding of times alone are equal."""
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    same = np.abs(steps - usual) <= 2.0 * np.spacing(np.abs(t).max())
+    return np.where(same, usual, steps)
 
 
 def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDArray:
@@ -329,17 +337,25 @@ def in_exact_steps(
     Runge and Kutta's method is of fourth order: n times as many steps have an error n^4 times
     smaller.
     """
-    most = settings.exact * noise
-    excess = float((_gathered(recordings, laws) / most).max())
+    excess = _excess(recordings, laws, noise, settings)
     if excess <= 1.0:
         return recordings.with_long_steps()
     finer = int(np.ceil(min(0.5 * excess**0.25, settings.most_steps)))
     return recordings.divided(max(1, finer))
 
 
-def _gathered(recordings: Recordings, laws: Laws) -> Array:
-    """Error of the longest rollout with one step for each interval, (n_states,)."""
+def sharp_enough(laws: Laws, recordings: Recordings, noise: Array, settings: StaySettings) -> Laws:
+    """The laws whose steps are as exact as that, or as exact as they can be."""
+    for own in laws.sharper:
+        if _excess(recordings, own, noise, settings) <= 1.0:
+            break
+    return own
+
+
+def _excess(recordings: Recordings, laws: Laws, noise: Array, settings: StaySettings) -> float:
+    """Error of the longest rollout with one step for each interval, by what it may be."""
     inside = recordings.steps > 0.0
     x, u, after = recordings.guess[:-1][inside], recordings.u[:-1][inside], recordings.after[inside]
     errors = laws.error_of_steps(x, u, after, recordings.steps[inside])
-    return np.asarray(len(recordings.steps) * errors.mean(axis=0), dtype=float)
+    gathered = len(recordings.steps) * errors.mean(axis=0)
+    return float((gathered / (settings.exact * noise)).max())

@@ -125,7 +125,7 @@ def held_exactly(numbers: NDArray) -> NDArray:
     (array([3.]), array([1152921504606846977]))
     """
     is_large = numbers.dtype.kind in "iu" and len(numbers) and abs(int(numbers[0])) > 2**53
-    return numbers.astype(np.int64 if is_large else float)
+    return numbers.astype(np.int64 if is_large else float, copy=False)
 
 
 def column_of(

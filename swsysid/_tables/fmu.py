@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from swsysid._tables.bounds import check_zip
 from swsysid._tables.table import NUMERIC, Table
 
 _MOVING = ("continuous", "discrete")
@@ -21,6 +22,7 @@ def read_fmu(path: Path, described: Sequence[Path]) -> Iterator[Table]:
     """
     import fmpy
 
+    check_zip(path)
     told = fmpy.read_model_description(str(path))
     names = [
         one.name

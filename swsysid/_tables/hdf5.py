@@ -8,6 +8,7 @@ from types import ModuleType
 
 from numpy.typing import NDArray
 
+from swsysid._tables.bounds import check_size
 from swsysid._tables.table import NUMERIC, Table
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -37,6 +38,7 @@ def _of_group(h5py: ModuleType, place: str, group: Mapping[str, object]) -> Iter
         if not isinstance(member, h5py.Dataset) or member.dtype.kind not in NUMERIC:
             continue
         if max(member.shape, default=0) == member.size > 1:
+            check_size(member.nbytes)
             columns, units = lengths.setdefault(member.size, ({}, {}))
             columns[name] = member[()].ravel()
             unit = member.attrs.get("units", member.attrs.get("unit", ""))

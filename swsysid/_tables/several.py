@@ -199,12 +199,18 @@ def joined(number: int, tables: Sequence[Table], names: Sequence[str], time: str
     columns, clocks, told = [], [], []
     owners = [_owner(tables, name) for name in names]
     shifts = _shifts([(table, clock_of(table, time)) for table in owners])
+    known: dict[int, Array] = {}
     for name, table, shift in zip(names, owners, shifts, strict=True):
-        t, values = table.spelled([name]).numbers([clock_of(table, time), name]).T
+        spelled, clock = table.spelled([name]), clock_of(table, time)
+        if id(table) not in known:
+            known[id(table)] = spelled.numbers([clock, name])[:, 0] + shift
+        t, values = known[id(table)], spelled.numbers([name])[:, 0]
+        if len(t) != len(values):
+            spelled.numbers([clock, name])  # which says so
         columns.append(values)
-        clocks.append(t + shift if shift else t)
+        clocks.append(t)
         told.append(read_column(number, name, table, t, values))
-    same = all(len(t) == len(clocks[0]) and (t == clocks[0]).all() for t in clocks)
+    same = all(t is clocks[0] or np.array_equal(t, clocks[0]) for t in clocks)
     t = clocks[0] if same else np.unique(np.concatenate(clocks))
     if not same:
         _check_overlap(owners, clocks)
@@ -217,7 +223,8 @@ def joined(number: int, tables: Sequence[Table], names: Sequence[str], time: str
 def read_column(number: int, name: str, table: Table, t: Array, values: Array) -> ReadColumn:
     """Where a channel came from, and how often it has a sample."""
     there = np.isfinite(values)
-    counted_in = t[there[: len(t)] & np.isfinite(t)]
+    counted_in = t if there.all() else t[there[: len(t)]]
+    counted_in = counted_in[np.isfinite(counted_in)]
     lasted = float(np.ptp(counted_in)) if len(counted_in) > 1 else 0.0
     rate = float((len(counted_in) - 1) / lasted) if lasted else 0.0
     own = table.resolve(name)

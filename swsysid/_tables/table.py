@@ -118,7 +118,7 @@ class Table:
             )
         if not columns:
             return np.empty((0, 0))
-        return np.column_stack([column.astype(float) for column in columns.values()])
+        return np.array(list(columns.values()), dtype=float).T
 
     def _not_numeric(self, name: str, column: NDArray) -> str:
         odd = [

@@ -22,8 +22,8 @@ from swsysid._simulation.model import FittedModel, fitted_system
 from swsysid._stays.arrow import covariance_of
 from swsysid._whole_or_nothing import failing_in_words
 from swsysid.refinement._estimation import Estimation
+from swsysid.refinement._parameters import System
 from swsysid.refinement._stated import StatedModel
-from swsysid.refinement._system import System
 from swsysid.refinement._trajectories import Observed, Recording
 
 _TURNS = 100  # integrations until starts of recordings are found

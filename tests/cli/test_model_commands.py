@@ -107,8 +107,12 @@ def test_show(folder, capsys):
      "goes back in time: give the rows of one run"),
     (["predict", "ball.json", "rows.csv"], "use simulate"),
     (["predict", "model.json", "inputs.csv"], "has no column 'x'"),
-    (["export", "nothing.json", "--to", "c", "--output", "a.c"], "nothing.json"),
-    (["export", "ball.json", "--to", "c", "--output", "no/folder/a.c"], "no/folder"),
+    (["export", "nothing.json", "--to", "c", "--output", "a.c"],
+     "There is no file nothing.json."),
+    (["show", "nofile.json"], "There is no file nofile.json."),
+    (["show", "."], ". cannot be used: is a directory."),
+    (["export", "ball.json", "--to", "c", "--output", "no/folder/a.c"],
+     "There is no folder no/folder."),
 ])  # fmt: skip
 def test_refusals_are_one_sentence(folder, given, words, monkeypatch, capsys):
     monkeypatch.chdir(folder[0])

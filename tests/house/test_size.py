@@ -23,7 +23,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   ones (`_cli`);
 # - several files, and those of loggers, simulators, robots, relays and buses, are recordings
 #   (`_tables`, a file for each format), in one command too: runs below each other in one table,
-#   channels of several files on one clock (`_tables/several, together`; their columns, `_cli`);
+#   channels of several files on one clock (`_tables/several, together`; their columns, `_cli`),
+#   bounds of what files unpack to (`_tables/bounds`), regular text at the speed of pandas;
 # - what is known of laws is read and is one set of linear constraints (`_known`), which the descent
 #   of recordings meets and whose sentences it tests (`_stays`, `top`), and the convex programs of
 #   rows, their modes and equations joined (`_losses`, `_identification`);
@@ -32,6 +33,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   identification without it (`_known`, `_stays`);
 # - guards have several conditions (`_automaton`, with the settings of SpaceEx models;
 #   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
+# - modes that a lag remembers are parted (`_discrete_stays/relations`, a file), and free rollouts
+#   choose between two descriptions in discrete time (`_automaton_search/sampled`);
 # - many recordings are worked where they are (`_data`), each condensed to what it says of laws and
 #   surfaces (`_stays`, `top`), and what inputs do between rows is said to identifiers (`top`);
 # - a page shows what a model makes of recordings (`_recording_page`; `_cli` writes it, and answers
@@ -41,17 +44,23 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   `_automaton_search`, `_effect_search`, `_output_error`, `_identification`, `_discrete_stays`);
 # - inputs keep their value until the next row in searches too: in columns, nodes and rollouts
 #   (`_data`, `effects`, `_output_error`, `_stays`), which is chosen in `_effect_search`;
+# - affine laws step as exactly as recordings ask, all steps of one length at once, so that long
+#   recordings need no finer steps, and trials of stays end where they are refuted (`_stays`);
+#   guards' programs that did not change are not solved again (`_automaton_search`);
+# - which recording would tell most is simulated beforehand (`refinement`);
+# - a placed effect says which channels it names (`effects`, which `_effect_model` did);
+# - verdicts lengthen their stretches where short ones tell nothing (`_verdict`).
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did).
 MOST_LINES = {
     "_automaton": 3270,
-    "_automaton_search": 5360,
+    "_automaton_search": 5450,
     "_checks": 600,
-    "_cli": 4110,
+    "_cli": 4120,
     "_data": 2340,
     "datasets": 2510,
     "differentiation": 1610,
-    "_discrete_stays": 2100,
+    "_discrete_stays": 2200,
     "_displays": 1610,
     "_effect_model": 2370,
     "_effect_search": 9160,
@@ -62,9 +71,9 @@ MOST_LINES = {
     "_known": 1230,
     "_losses": 930,
     "metrics": 720,
-    "_output_error": 2290,
+    "_output_error": 2270,
     "_recording_page": 490,
-    "refinement": 1990,
+    "refinement": 1950,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2350,
@@ -72,13 +81,13 @@ MOST_LINES = {
     "_seeding": 1360,
     "_simulation": 1870,
     "_solvers": 1290,
-    "_stays": 9300,
+    "_stays": 9440,
     "_surfaces": 2310,
-    "_tables": 2260,
+    "_tables": 2400,
     "_verdict": 1700,
-    "top": 4030,
+    "top": 4040,
 }
-MOST_FILES = 421  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
+MOST_FILES = 420  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
 MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 

@@ -9,8 +9,8 @@ from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_search.contributions import beside_conventions
 from swsysid._effect_search.recorded import RecordedOutcome
+from swsysid._output_error.engines import fitted, left_of, scores
 from swsysid._output_error.law import Law
-from swsysid._output_error.regression import fitted, left_of, scores
 from swsysid._output_error.stretches import Stretches
 from swsysid.effects import CoulombFriction, InputCoupling, PlacedEffect, QuadraticDrag
 
