@@ -184,6 +184,6 @@ def test_the_first_line_says_when_a_lid_was_opened(tmp_path, capsys):
     effects = ["--effects", "time_interval", "bias", "delay", "lag"]
     text, first = text_of([path, *roles, "--diagnose", *effects], tmp_path, capsys)
     place = r"(level|T_box_degC) in T_box_degC'"
-    told = re.match(rf"Time interval of {place}, from t = (\S+) to (\S+), p = ", first)
+    told = re.match(rf"Time interval of {place}, from t = (\S+) to (\S+), p [=<] ", first)
     assert [float(told[2]), float(told[3])] == pytest.approx([150.0, 158.0], abs=2.5)
     assert "for some time: a lid that was opened" in text
