@@ -14,13 +14,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.transitions import Guard, PolynomialGuard
-from swsysid._automaton_search.few_columns import known
+from swsysid._automaton_search.few_columns import known, of_exits
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.margins import Sides, guard_with_margin
 from swsysid._automaton_search.settings import SETTINGS
@@ -131,11 +130,6 @@ def with_teller(found: FoundGuard, never: Array, reached: Array, degree: int) ->
     told = second.cost + of_exits(*_wrong(second.guard, never, reached)) + _of_side(reached)
     before = of_exits(len(never), len(never) + len(reached))
     return replace(found, also=(second,)) if told < before - SETTINGS.better else found
-
-
-def of_exits(wrong: int, every: int) -> float:
-    """Nats that it takes to say which of all switches are the wrong ones."""
-    return lgamma(every + 1) - lgamma(wrong + 1) - lgamma(every - wrong + 1)
 
 
 def _of_side(columns: Array) -> float:

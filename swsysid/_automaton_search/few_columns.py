@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from math import lgamma
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,11 @@ class FewColumns:
 def known(columns: Array, some: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Rows at which some columns are known."""
     return np.asarray(np.isfinite(columns[:, some]).all(axis=1))
+
+
+def of_exits(wrong: int, every: int) -> float:
+    """Nats that it takes to say which of all switches are the wrong ones."""
+    return lgamma(every + 1) - lgamma(wrong + 1) - lgamma(every - wrong + 1)
 
 
 def without_clocks(columns: Array) -> Array:

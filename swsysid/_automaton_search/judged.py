@@ -90,19 +90,20 @@ def by_rollouts(guards: Guards, judge: Callable[[Guards], FreeRollouts]) -> Guar
     for place in cycle(range(len(guards))):
         if (best.holds and best.tells_switches) or at_rest == len(guards):
             break
-        better = [one for one in with_rivals(place) if _is_better(one[1], best)]
+        better = [one for one in with_rivals(place) if follows_better(one[1], best)]
         at_rest = 0 if better else at_rest + 1
         for trial, rolled in better:
-            if _is_better(rolled, best):
+            if follows_better(rolled, best):
                 guards, best = trial, rolled
     told: Guards = []
     for place, guard in enumerate(guards):
-        worse = [_is_better(best, rolled) for _, rolled in with_rivals(place)]
+        worse = [follows_better(best, rolled) for _, rolled in with_rivals(place)]
         told.append(None if guard is None else guard.without(worse))
     return told
 
 
-def _is_better(one: FreeRollouts, other: FreeRollouts) -> bool:
+def follows_better(one: FreeRollouts, other: FreeRollouts) -> bool:
+    """Whether rollouts have fewer wrong switches, or as many and leave less than half."""
     wrong, before = (len(own.missing) + len(own.extra) for own in (one, other))
     left, left_before = (float(np.linalg.norm(own.left)) for own in (one, other))
     return wrong < before or (wrong == before and left < 0.5 * left_before)

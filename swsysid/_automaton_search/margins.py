@@ -30,6 +30,7 @@ from swsysid._automaton_search.few_columns import (
     FewColumns,
     cheapest_guard,
     known,
+    of_exits,
     without_clocks,
 )
 from swsysid._automaton_search.found import FoundGuard
@@ -133,14 +134,23 @@ def _guard_of(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard |
     if coef is None:
         return None
     wrong = np.maximum(0.0, below @ coef).sum() + np.maximum(0.0, -(above @ coef)).sum()
-    # at zero a transition is taken, and a step beyond it is no more wrong
-    at_zero = np.count_nonzero(np.abs(below @ coef) <= SETTINGS.exact)
-    cost = _SLACK_PRICE * wrong + SETTINGS.unexplained * at_zero
+    cost = _SLACK_PRICE * wrong + _nats_at_zero(below @ coef, np.append(at, above, axis=0) @ coef)
     cost += basis.price(len(seen), int((~seen).sum()), SETTINGS.unexplained, chance=1.0)
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
     guard = basis.guard(coef)
     return FoundGuard(guard, float(cost), misses, some, *_between(guard, sides))
+
+
+def _nats_at_zero(below: Array, above: Array) -> float:
+    """What rows at zero leave unsaid: a transition is taken there, and is not at those below.
+
+    Where there are rows of both sides rounding decides, and it is open which.
+    """
+    not_taken, taken = (int((np.abs(one) <= SETTINGS.exact).sum()) for one in (below, above))
+    if not taken:
+        return float(SETTINGS.unexplained * not_taken)
+    return of_exits(not_taken, not_taken + taken)
 
 
 def _between(guard: PolynomialGuard, sides: Sides) -> tuple[Array, int]:

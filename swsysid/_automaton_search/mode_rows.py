@@ -165,12 +165,20 @@ class ModeRows:
             [states[r][k + 1] for r, k in zip(rows.recording[own], rows.sample[own], strict=True)]
             for own in steps
         ]
-        nothing = np.zeros((len(at), size))
-        by_none = made(nothing)
-        slopes = [made(nothing + unit) - by_none for unit in np.eye(size)]
+        measured = columns[:, 0, n : (1 + lags) * n]
+        by_measured = made(measured)
+        slopes = [made(measured + unit) - by_measured for unit in np.eye(size)]
         change = np.stack(slopes, axis=2).reshape(len(at), size, size)
-        missing = np.reshape(reached, (len(at), size)) - by_none
-        return np.matmul(np.linalg.pinv(change), missing[:, :, None])[:, :, 0], change
+        missing = np.reshape(reached, (len(at), size)) - by_measured
+        # what no law sees goes on
+        return measured + np.matmul(np.linalg.pinv(change), missing[:, :, None])[:, :, 0], change
+
+    def left_before(self, taken: Taken) -> Array:
+        """What the old law leaves of rows before the one that jumps, (n_taken, lags - 1 states)."""
+        rows, n = self.stays.rows, self.stays.rows.n_states
+        before = taken.rows[:, None] - np.arange(2, rows.lags + 1)
+        left = rows.targets[before] - self._made(before.ravel()).reshape(*before.shape, n)
+        return np.where(self.stays.straddling[before, None], left, 0.0).reshape(len(before), -1)
 
     def inside(self, mode: int) -> Array:
         """Columns at the rows of a mode."""

@@ -27,6 +27,7 @@ from swsysid._automaton_search.found import FoundReset, FoundTransition
 from swsysid._automaton_search.judged import (
     Guards,
     by_rollouts,
+    follows_better,
     judged,
     switches_by_recording,
 )
@@ -39,6 +40,7 @@ from swsysid._discrete_stays.identify import (
     DiscreteCertainty,
     DiscreteStays,
     identify_stays,
+    parted,
     with_guards,
 )
 from swsysid._discrete_stays.lagged import KnownGuard
@@ -50,7 +52,7 @@ from swsysid._stays.given import Given
 
 # Turns of modes and guards; of a spread, what is counted as exact.
 _TURNS_OF_MODES = 6
-_LEAST_NOISE = 1e-6
+_LEAST_NOISE = 1e-9
 
 Pair = tuple[int, int]
 
@@ -97,42 +99,68 @@ def identified(
         channels=given.names,
         max_modes=max_modes,
     )
-    rows, transitions = _agreeing(ModeRows(stays, given), degree)
-    if whole := _whole_resets(rows):
-        rows = replace(rows, whole=whole)
-        transitions = transitions_of(rows, degree)
-    stays, sure = rows.stays, DiscreteCertainty.of(rows.stays)
-    noise = stays.noise if sure.noises is None else np.hypot(*sure.noises.sizes)
+    told = _Told.of(ModeRows(stays, given), degree)
+    if not (told.rollouts.holds and told.rollouts.tells_switches):
+        most = max_modes if n_modes == "auto" else int(n_modes)
+        if (other := parted(stays, most)) is not None:
+            # of two descriptions the one whose free rollouts are right from any start
+            again = _Told.of(ModeRows(other, given), degree)
+            told = again if follows_better(again.rollouts, told.rollouts) else told
+    return told.answer()
 
-    def with_guards(guards: Guards) -> _Made:
-        changed = [
-            replace(one, guard=guard) for one, guard in zip(transitions, guards, strict=True)
-        ]
-        return _Made.of(rows, changed)
 
-    guards = [one.guard for one in transitions]
-    if sure.noises is None or not sure.noises.drives:  # else rollouts go where noise leads them
-        guards = by_rollouts(guards, lambda own: with_guards(own).rolled_out(noise)[0])
-    made = with_guards(guards)
-    found, order, automaton = made.found, made.order, made.automaton
-    rollouts, seen = made.rolled_out(noise)
-    jumps = sum(np.count_nonzero(rows.taken.jumped[_is_of(one, rows.taken)]) for one in found)
-    certificates = [_certificate(one, rows) for one in found]
-    return IdentifiedAutomaton(
-        automaton,
-        AutomatonErrors.by_parts(sure.coef, found, automaton, order),
-        made.modes,
-        made.states,
-        switch_times_of(found, len(given.records)),
-        stays.noise,
-        None,
-        verdicts_of(found, certificates, order, 1.0, automaton.guard_columns),
-        rollouts,
-        (*_shared_exits(made), *seen.sentences(made.automaton.state_names)),
-        stays.candidates,
-        int(stays.straddling.sum() - jumps - rows.n_made_anew),
-        noises=sure.noises,
-    )
+@dataclass(frozen=True)
+class _Told:
+    """Stays with the transitions between them, and what free rollouts say of both."""
+
+    sure: DiscreteCertainty
+    made: _Made
+    rollouts: FreeRollouts
+    seen: SampleNoise
+
+    @classmethod
+    def of(cls, rows: ModeRows, degree: int) -> _Told:
+        """Transitions of stays; of guards that tell as well those whose rollouts are right."""
+        rows, transitions = _agreeing(rows, degree)
+        if whole := _whole_resets(rows):
+            rows = replace(rows, whole=whole)
+            transitions = transitions_of(rows, degree)
+        stays, sure = rows.stays, DiscreteCertainty.of(rows.stays)
+        noise = stays.noise if sure.noises is None else np.hypot(*sure.noises.sizes)
+
+        def with_guards(guards: Guards) -> _Made:
+            changed = [
+                replace(one, guard=guard) for one, guard in zip(transitions, guards, strict=True)
+            ]
+            return _Made.of(rows, changed)
+
+        guards = [one.guard for one in transitions]
+        if sure.noises is None or not sure.noises.drives:  # else rollouts go where noise leads
+            guards = by_rollouts(guards, lambda own: with_guards(own).rolled_out(noise)[0])
+        made = with_guards(guards)
+        return cls(sure, made, *made.rolled_out(noise))
+
+    def answer(self) -> IdentifiedAutomaton:
+        """All that is said of it."""
+        made, sure, rows = self.made, self.sure, self.made.rows
+        found, order, automaton, stays = made.found, made.order, made.automaton, rows.stays
+        jumps = sum(np.count_nonzero(rows.taken.jumped[_is_of(one, rows.taken)]) for one in found)
+        certificates = [_certificate(one, rows) for one in found]
+        return IdentifiedAutomaton(
+            automaton,
+            AutomatonErrors.by_parts(sure.coef, found, automaton, order),
+            made.modes,
+            made.states,
+            switch_times_of(found, len(rows.given.records)),
+            stays.noise,
+            None,
+            verdicts_of(found, certificates, order, 1.0, automaton.guard_columns),
+            self.rollouts,
+            (*_shared_exits(made), *self.seen.sentences(automaton.state_names)),
+            stays.candidates,
+            int(stays.straddling.sum() - jumps - rows.n_made_anew),
+            noises=sure.noises,
+        )
 
 
 @dataclass(frozen=True)
@@ -216,10 +244,14 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
     """Guards and resets of all transitions that are taken."""
     pairs = [(int(i), int(j)) for i, j in np.unique(_pairs_of(rows.taken), axis=0)]
     taken = {pair: rows.taken.take((_pairs_of(rows.taken) == pair).all(axis=1)) for pair in pairs}
-    found = {}
-    for pair, own in taken.items():
+    found: dict[Pair, FoundTransition] = {}
+    known: list[PolynomialGuard] = []
+    # the most frequent first: what is seen seldom may share its guard with what is seen often
+    for pair, own in sorted(taken.items(), key=lambda one: -len(one[1])):
         sides = Sides(rows.inside(pair[0]), own.given, own.last, own.given)
-        guard = guard_with_margin(sides, degree, _agreements(rows.stays, pair, degree))
+        stated = [*_agreements(rows.stays, pair, degree), *known]
+        guard = guard_with_margin(sides, degree, stated)
+        known += [] if guard is None or guard.beyond else [guard.guard]
         found[pair] = FoundTransition(*pair, own.recording, own.times, guard, _reset(own, rows))
     for i, j in pairs:
         if i < j and (j, i) in found:
@@ -290,6 +322,8 @@ def _cost_of_reset(taken: Taken, rows: ModeRows) -> float:
     if rows.is_whole(taken):
         _, change = rows.older(taken.rows, taken.target)
         left = np.matmul(change, left[:, n_states:, None])[:, :, 0]
+    else:
+        left = np.hstack([left, rows.left_before(taken)])
     least = _LEAST_NOISE * np.maximum(taken.after[:, :n_states].std(axis=0), np.finfo(float).tiny)
     noise = np.tile(np.maximum(rows.stays.noise, least), left.shape[1] // n_states)
     goes_on = np.eye(len(reset.reset.offset))

@@ -54,6 +54,12 @@ class DiscreteData:
         return units
 
     @property
+    def sees_inputs(self) -> NDArray[np.bool_]:
+        """Features that change with the inputs, (n_features,)."""
+        other = np.arange(self.rows.columns.shape[1]) >= self.n_lagged
+        return _changes(self.feature_map, self.rows.columns, other)
+
+    @property
     def n_lagged(self) -> int:
         """Number of the columns that are states."""
         return self.rows.n_states * (self.rows.lags + 1)
@@ -94,9 +100,13 @@ def _memory(rows: LaggedRows, feature_map: FeatureMap) -> Labels:
     columns, lags, n_states = rows.columns, np.arange(rows.lags + 1), rows.n_states
     n_inputs = columns.shape[1] // len(lags) - n_states
     lag = np.concatenate([np.repeat(lags, n_states), np.repeat(lags, n_inputs)])
-    features = feature_map.at_rows(columns)
-    memory = np.zeros(features.shape[1], dtype=np.intp)
+    memory = np.zeros(feature_map.at_rows(columns[:1]).shape[1], dtype=np.intp)
     for longest in lags[1:]:
-        changed = np.where(lag == longest, columns[::-1], columns)
-        memory[(feature_map.at_rows(changed) != features).any(axis=0)] = longest
+        memory[_changes(feature_map, columns, lag == longest)] = longest
     return memory
+
+
+def _changes(feature_map: FeatureMap, columns: Array, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Features that change with some of the columns."""
+    changed = np.where(some, columns[::-1], columns)
+    return np.asarray((feature_map.at_rows(changed) != feature_map.at_rows(columns)).any(axis=0))

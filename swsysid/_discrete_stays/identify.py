@@ -19,6 +19,7 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
+from swsysid._discrete_stays.relations import parted_by_relations
 from swsysid._discrete_stays.rows import RowFit, RowProblem
 from swsysid._discrete_stays.search import (
     DiscreteCandidate,
@@ -187,6 +188,23 @@ def with_guards(stays: DiscreteStays, guards: Sequence[KnownGuard]) -> tuple[Dis
     again = replace(stays.searched, found=kept)
     shapes = [one.shape for one in stays.states]
     return _answer(again, lags, stays.lag_candidates, shapes, stays.order), likelihood
+
+
+def parted(stays: DiscreteStays, most: int) -> DiscreteStays | None:
+    """The same with modes, `most` at most, that one law of long memory had joined.
+
+    None where there are none, or where noise hides it.
+    """
+    found, data = stays.searched.found, stays.searched.data
+    if found.states is not None or not data.rows.lags:
+        return None
+    fit = parted_by_relations(data, found.fit, most)
+    if fit is None:
+        return None
+    again = replace(stays.searched, found=Found(fit, None, (*found.history, *fit.history)))
+    lags = np.full(len(fit.coef), data.rows.lags)
+    shapes = [one.shape for one in stays.states]
+    return _answer(again, lags, stays.lag_candidates, shapes, stays.order)
 
 
 def _content(record: Record) -> tuple[int, bytes, bytes]:

@@ -27,7 +27,7 @@ from swsysid._stays.decoding import cheapest_modes
 
 # Of a value: what rounding leaves undecided; of a feature: by which it differs from combinations of
 # others.
-_ROUNDING, _DEPENDENT = 1e-14, 1e-11
+_ROUNDING, DEPENDENT = 1e-14, 1e-11
 # Probability beforehand of a row that no law explains, and of a switch.
 UNEXPLAINED, SWITCHING = 1e-3, 0.02
 # Alternation: by how much a scale may shrink at once, what it keeps at the end, most rounds.
@@ -207,7 +207,7 @@ def _independent(
         return ordered
     own = np.abs(np.diag(np.linalg.qr(features[:, ordered], mode="r")))
     size = np.linalg.norm(features[:, ordered], axis=0)
-    return ordered[own > _DEPENDENT * size]
+    return ordered[own > DEPENDENT * size]
 
 
 def worth(problem: RowProblem, fit: RowFit, free: NDArray[np.bool_]) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,14 +169,30 @@ class StaySearch:
             return found
         scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
         found = self._followed(found, found.coef, scale)
-        while np.count_nonzero(found.fit.unexplained) > self.data.problem.features.shape[1]:
-            rare = law_of(self.data.problem, found.fit.unexplained)
-            scale = np.vstack([scale, scale.mean(axis=0)])
-            more = self._followed(found, np.concatenate([found.coef, rare[None]]), scale)
-            if not len(found.coef) < len(more.coef) <= most or more.cost >= found.cost:
+        while len(found.coef) < most:
+            tried = self._with_one_more(found)
+            better = [one for one in tried if len(found.coef) < len(one.coef) <= most]
+            better = [one for one in better if one.cost < found.cost]
+            if not better:
                 break
-            found = more
+            found = min(better, key=lambda one: one.cost)
         return found
+
+    def _with_one_more(self, found: Found) -> Iterator[Found]:
+        """With the law of rows that none explains, or of one stay in a mode that leaves much."""
+        problem, fit = self.data.problem, found.fit
+        first = np.flatnonzero(problem.begins | np.append(True, np.diff(fit.lawful) != 0))
+        length = np.diff(np.append(first, len(problem.begins)))
+        stays = np.repeat(np.arange(len(first)), length)
+        some = [fit.unexplained]
+        for mode in np.flatnonzero(_is_rough(fit)) if found.states is None else ():
+            some.append(stays == np.where(fit.lawful[first] == mode, length, 0).argmax())
+        scale = scale_of(problem, found.coef, fit.lawful)
+        scale = np.vstack([scale, scale.min(axis=0)])
+        for rows in some:
+            if np.count_nonzero(rows) > problem.features.shape[1]:
+                coef = np.concatenate([found.coef, law_of(problem, rows)[None]])
+                yield self._followed(found, coef, scale)
 
     def _followed(self, found: Found, coef: Array, scale: Array) -> Found:
         """Laws led on all rows, with as much disturbance as in the part of them."""

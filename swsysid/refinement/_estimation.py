@@ -196,6 +196,7 @@ class Estimation:
 
     def refined(self, max_nfev: int) -> RefinementResult:
         """Fit the segments by themselves, then whole rollouts; keep what makes these better."""
+        # nodes at every time (`_stays.lifted`) in place of segments: a damper ends at 337, not 27
         whole = best = self._begun(self._whole)
         if self._starts_poorly(whole):
             best = self._fitted(self.apart, max(1, max_nfev // 4))

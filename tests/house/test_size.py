@@ -33,6 +33,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   identification without it (`_known`, `_stays`);
 # - guards have several conditions (`_automaton`, with the settings of SpaceEx models;
 #   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
+# - modes that a lag remembers are parted (`_discrete_stays/relations`, a file), and free rollouts
+#   choose between two descriptions in discrete time (`_automaton_search/sampled`);
 # - many recordings are worked where they are (`_data`), each condensed to what it says of laws and
 #   surfaces (`_stays`, `top`), and what inputs do between rows is said to identifiers (`top`);
 # - a page shows what a model makes of recordings (`_recording_page`; `_cli` writes it, and answers
@@ -48,15 +50,17 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - which recording would tell most is simulated beforehand (`refinement`);
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`).
+# - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
+# - a placed effect says which channels it names (`effects`, which `_effect_model` did).
 MOST_LINES = {
     "_automaton": 3270,
-    "_automaton_search": 5400,
+    "_automaton_search": 5450,
     "_checks": 600,
     "_cli": 4120,
     "_data": 2340,
     "datasets": 2510,
     "differentiation": 1610,
-    "_discrete_stays": 2100,
+    "_discrete_stays": 2200,
     "_displays": 1610,
     "_effect_model": 2370,
     "_effect_search": 9160,
@@ -83,7 +87,7 @@ MOST_LINES = {
     "_verdict": 1700,
     "top": 4040,
 }
-MOST_FILES = 419  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
+MOST_FILES = 420  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
 MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
