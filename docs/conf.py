@@ -45,6 +45,7 @@ exclude_patterns = [
     "automata_tables.md",
     "others_table.md",
     "calibration_table.md",
+    "faults_table.md",
     "fresh_table.md",
     "laboratory_table.md",
     "sensitivity_table.md",
