@@ -8,6 +8,9 @@ QUALITY ?= output/quality
 # The environment of the lower bounds, and the oldest Python that pyproject.toml allows.
 OLDEST ?= build/oldest
 OLDEST_PYTHON ?= python3.11
+# What a user gets, asked from outside for known vulnerabilities and for what it consists of.
+AUDITED ?= build/audited
+AUDIT ?= build/audit
 # 0 leaves the examples out of the pages: the tests run them, too.
 GALLERY ?= 1
 BIN := $(VENV)/bin
@@ -17,7 +20,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test nightly test-kernels test-oldest lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
+.PHONY: help demo test nightly test-kernels test-oldest audit lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
 	bench-undeclared bench-measured bench-speed bench-trajectories bench-automata golden golden-quick \
 	figures clean
 
@@ -29,6 +32,7 @@ help:
 	@echo "make golden    answers of today beside those frozen before the engine was rebuilt (half an hour)"
 	@echo "make golden-quick  a part of them, in five minutes"
 	@echo "make test-oldest   the tests with the lower bounds of every dependency"
+	@echo "make audit     known vulnerabilities of what is installed, and a bill of materials (network)"
 	@echo "make lint      ruff and mypy"
 	@echo "make examples  run every example, headless, and compare what it prints"
 	@echo "make examples-record  keep what every example prints now as the expected output"
@@ -62,6 +66,19 @@ test-kernels: $(VENV)/.installed-test
 
 test-oldest: $(OLDEST)/.installed
 	$(OLDEST)/bin/python -m pytest -n $(WORKERS)
+
+# A package that the index knows nothing of fails it, too: what was not asked is not clean.
+audit:
+	test -x $(AUDITED)/bin/python || $(PYTHON) -m venv $(AUDITED)
+	$(AUDITED)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade pip setuptools .
+	test -x $(AUDIT)/bin/python || $(PYTHON) -m venv $(AUDIT)
+	$(AUDIT)/bin/python -m pip install --quiet --disable-pip-version-check pip-audit cyclonedx-bom
+	$(AUDIT)/bin/cyclonedx-py environment --output-reproducible --pyproject pyproject.toml \
+		--output-file build/sbom.json $(AUDITED)/bin/python
+	@echo "Bill of materials: build/sbom.json (CycloneDX)"
+	$(AUDITED)/bin/python -m pip uninstall --quiet --yes swsysid
+	$(AUDIT)/bin/pip-audit --strict --progress-spinner off \
+		--path "$$($(AUDITED)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 
 golden: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore -m benchmarks.golden --jobs $(WORKERS) --compare benchmarks/golden/frozen

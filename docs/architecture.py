@@ -34,7 +34,7 @@ STOREYS = [
     (
         "The loop:\nresidual, effect,\nbefore and after",
         "_effect_search _output_error _effect_regressor _effect_model effects _residual_report "
-        "_displays",
+        "_displays _recording_page",
     ),
     (
         "A fitted model",
@@ -44,8 +44,8 @@ STOREYS = [
     ),
     ("Identification", "_identification _seeding"),
     ("Convex programs", "_classifier _surfaces relaxations _losses _solvers _known"),
-    ("Measurements", "metrics differentiation exporting _tables _data"),
-    ("Foundations", "_noise _whole_or_nothing _ties _results _rendering _checks"),
+    ("Measurements", "metrics differentiation exporting _tables _checkpoints _data"),
+    ("Foundations", "_noise _journal _whole_or_nothing _ties _results _rendering _checks"),
 ]
 LEFT, WIDTH, GAP, HEIGHT = 2.2, 2.35, 0.12, 1.25
 

@@ -32,6 +32,7 @@ extensions = [
     "reference",
     "command_help",
     "printed_runs",
+    "in_browser_site",
 ]
 # a part of a page that its benchmark writes is no page
 exclude_patterns = [

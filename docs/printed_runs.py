@@ -3,8 +3,8 @@
 A command stands behind ``<!-- printed: NAME -->``, what it prints in the block after it. Lines that
 the command before it printed as well are three dots. ``--write`` also renews the page's picture.
 
-As a Sphinx extension it runs them while the pages are built, keeps the report that they write as a
-page of the site, and ends the build where the page shows something else than what was printed.
+As a Sphinx extension it runs them while the pages are built, keeps the pages that they write in
+the site, and ends the build where the page shows something else than what was printed.
 """
 
 import os
@@ -18,7 +18,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "from_csv.md"
-REPORT = "cart_report.html"  # in the site
+REPORTS = {"cart_report.html": "swsysid_diagnosis.html", "cart_recordings.html": "report.html"}
 TOLERANCE = 0.05  # relative; digits differ between versions of the solvers
 PICTURE = ROOT / "docs" / "_static" / "cart_modes.png"
 RUN = re.compile(r"(?<=<!-- printed: )(\w+) -->\n\n```bash\n(.*?)```\n\n```text\n(.*?)```", re.S)
@@ -84,16 +84,16 @@ def differences(page, shown):
 
 
 def keep_report(app):
-    """Run the commands of the page and put the report that they write into the site."""
+    """Run the commands of the page and put the pages that they write into the site."""
     if str(app.config.sphinx_gallery_conf.get("plot_gallery", True)) not in ("1", "True"):
         return  # a build that runs nothing
-    page = PAGE.read_text(encoding="utf-8")
+    shown = PAGE.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as name:
-        other = differences(page, outputs(page, Path(name)))
+        other = differences(shown, outputs(shown, Path(name)))
         if other:
             raise RuntimeError(f"{other} print other texts: run docs/printed_runs.py --write.")
-        report = Path(name, "swsysid_output", "swsysid_diagnosis.html").read_bytes()
-    Path(app.outdir, REPORT).write_bytes(report)
+        for page, written in REPORTS.items():
+            Path(app.outdir, page).write_bytes(Path(name, "swsysid_output", written).read_bytes())
 
 
 def setup(app):

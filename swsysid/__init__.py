@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from swsysid._classifier import PolynomialSurfaceClassifier
     from swsysid._data.features import FunctionLibrary
     from swsysid._effect_regressor import EffectRegressor
+    from swsysid._journal import best_so_far
     from swsysid._known.known import Known
     from swsysid._pipelines import ModePipeline
     from swsysid._regressor import SwitchingSystemRegressor
@@ -63,6 +64,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryIdentifier",
     "__version__",
+    "best_so_far",
     "load_model",
     "read_recordings",
     "save_model",
@@ -78,6 +80,7 @@ _HOMES = {
         "_automaton_regressor": "HybridAutomatonRegressor",
         "_classifier": "PolynomialSurfaceClassifier",
         "_data.features": "FunctionLibrary",
+        "_journal": "best_so_far",
         "_known.known": "Known",
         "_effect_regressor": "EffectRegressor",
         "_pipelines": "ModePipeline",

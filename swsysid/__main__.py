@@ -28,13 +28,15 @@ def main(argv: list[str] | None = None) -> int:
 
 def _with_model(arguments: argparse.Namespace) -> int:
     """Do something with a model that is there."""
-    from swsysid._cli.commands import WORK
+    from swsysid._cli.commands import WORK, of_a_path
     from swsysid.exporting import NoFormulaError
 
     try:
         told = WORK[arguments.command](arguments)
-    except (NoFormulaError, ImportError, OSError) as error:
+    except (NoFormulaError, ImportError) as error:
         raise TableError(str(error)) from None
+    except OSError as error:
+        raise TableError(of_a_path(error)) from None
     print(told)
     sys.stdout.flush()
     return 0
@@ -60,8 +62,8 @@ def _in_words(work: Callable[[], int]) -> int:
     except MemoryError:
         print("swsysid: the memory is full; --decimate K keeps every K-th row.", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("swsysid: stopped.", file=sys.stderr)
+    except KeyboardInterrupt as reason:  # it tells what a checkpoint holds, if there is one
+        print(f"swsysid: {reason or 'stopped.'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # The reader, such as head, has seen enough; what is left must not fail when it is flushed.
@@ -74,8 +76,8 @@ def _check_wishes(arguments: argparse.Namespace) -> None:
     modes(arguments.modes)
     if arguments.automaton and (arguments.diagnose or arguments.quick):
         raise TableError("--automaton goes without --diagnose and --quick; leave these out.")
-    if arguments.known and (arguments.automaton or arguments.diagnose):
-        raise TableError("--known goes without --automaton and --diagnose; leave these out.")
+    if arguments.known and arguments.diagnose:
+        raise TableError("--known goes without --diagnose; leave one of them out.")
     if arguments.diagnose:
         return
     for option in ("html", "signals", "effects"):
@@ -85,17 +87,14 @@ def _check_wishes(arguments: argparse.Namespace) -> None:
 
 def _recording(arguments: argparse.Namespace) -> tuple[Table, Measurement]:
     """The table to work on and which of its columns are what."""
-    if arguments.file is None:
+    if not arguments.files:
         return _built_in(arguments)
-    from swsysid._cli.measurement import check_roles
+    from swsysid._cli.measurement import read_measured
     from swsysid._rendering.progress import stage
-    from swsysid._tables.readers import read_table
 
     what = measurement(arguments)
-    with stage(f"Reading {arguments.file}", is_watched(arguments.verbose)):
-        table = read_table(arguments.file, units(arguments.units), arguments.missing)
-    check_roles(table, what)
-    return table, what
+    with stage(f"Reading {', '.join(arguments.files[:3])}", is_watched(arguments.verbose)):
+        return read_measured(arguments.files, what, units(arguments.units), arguments.missing)
 
 
 def _built_in(arguments: argparse.Namespace) -> tuple[Table, Measurement]:

@@ -15,6 +15,7 @@ from swsysid._automaton_search.guards import GuardTerms
 from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid._automaton_search.judged import rollout_score
 from swsysid._automaton_search.report import AutomatonReport
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
@@ -32,7 +33,7 @@ from swsysid._verdict.comparison import Split
 from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._verdict.words import AUTOMATON
-from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid._whole_or_nothing import failing_in_words
 from swsysid.exporting import ToOtherTools
 
 
@@ -98,6 +99,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.
+    checkpoint : str or path, default=None
+        Folder of your own in which finished steps are kept: the same fit goes on from there after
+        it was stopped, and ends with the same answer. `best_so_far` reads what it has until now.
 
     Attributes
     ----------
@@ -186,23 +190,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     unguarded_inputs = 0
 
     def __init__(
-        self,
-        n_modes="auto",
-        *,
-        order=1,
-        lags=0,
-        discrete_time=False,
-        feature_library=1,
-        guard_degree=1,
-        sparsity=None,
-        max_modes=6,
-        n_jobs=None,
-        refine=True,
-        input_hold="auto",
-        known=None,
-        random_state=None,
-        verbose=0,
-    ):
+        self, n_modes="auto", *, order=1, lags=0, discrete_time=False, feature_library=1,
+        guard_degree=1, sparsity=None, max_modes=6, n_jobs=None, refine=True, input_hold="auto",
+        known=None, random_state=None, verbose=0, checkpoint=None,
+    ):  # fmt: skip
         self.n_modes = n_modes
         self.order = order
         self.lags = lags
@@ -217,8 +208,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.known = known
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
-    @whole_or_nothing
+    @checkpointed
     def fit(self, x, t=None, groups=None, inputs=None):
         """Identify laws, modes, guards and resets.
 
@@ -358,7 +350,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         lags = self.automaton_.lags if self.discrete_time else 0
 
         def fitted(rows, n_modes, whole, **options):
-            again = clone(self).set_params(n_modes=n_modes, lags=lags, verbose=0, **options)
+            again = clone(self).set_params(
+                n_modes=n_modes, lags=lags, verbose=0, checkpoint=None, **options
+            )
             return again.set_params(input_hold=self._holds or "auto").fit(*given.data(rows))
 
         def law(rows, n_modes, whole, **options):

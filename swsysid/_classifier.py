@@ -70,7 +70,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         training accuracy, then of smallest objective. ``"pairwise"`` is a surface for each of the
         M (M - 1) / 2 pairs of classes, with the entry 0 for the classes that it says nothing
         about; ``"auto"`` resorts to it where ceil(log2 M) surfaces of this degree cannot separate
-        the classes (three sectors that meet in a point) and it gains two percent of accuracy.
+        the classes (three sectors that meet) and the likelihood of labels pays for it (BIC).
     standardize : bool, default=True
         Margin, beta and the box apply to polynomials of the centred and scaled columns of `X`
         (or to the scaled columns of `feature_library`, centred too if it has a constant column),

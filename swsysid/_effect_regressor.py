@@ -18,8 +18,8 @@ from swsysid._effect_model.equations import (
     automaton_of_fit,
     guards_with_effects,
     laws_with_effects,
+    system_of,
 )
-from swsysid._effect_model.formulas import system_of
 from swsysid._effect_model.joint_fit import (
     JointFit,
     as_stated,

@@ -41,14 +41,12 @@ def with_parameters(estimator: BaseEstimator, **parameters: object) -> BaseEstim
 
 
 def seeded(estimator: BaseEstimator, random_state: int | np.random.RandomState) -> BaseEstimator:
-    """A copy of the estimator in which everything random that has no seed has this one."""
+    """A copy for fits within a fit: what has no seed has this one, and no checkpoint is its own."""
     copy = clone(estimator)
-    unseeded = [
-        name
-        for name, value in copy.get_params().items()
-        if name.split("__")[-1] == "random_state" and value is None
-    ]
-    return copy.set_params(**dict.fromkeys(unseeded, random_state))
+    own = [(name.split("__")[-1], name, value) for name, value in copy.get_params().items()]
+    unseeded = [name for last, name, value in own if last == "random_state" and value is None]
+    kept = [name for last, name, _ in own if last == "checkpoint"]
+    return copy.set_params(**dict.fromkeys(unseeded, random_state), **dict.fromkeys(kept))
 
 
 def _last_step_has(method: str):

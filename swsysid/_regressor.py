@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.arrays import other_names
 from swsysid._checks.estimators import check_fitted, column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import random_numbers
@@ -11,7 +12,13 @@ from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._data.features import FeatureMap
 from swsysid._data.sources import holds_blocks, over_blocks
 from swsysid._identification.doubts import Doubts, examine, warn_about
-from swsysid._identification.identify import Answer, answer_of_all, answer_of_many, identify
+from swsysid._identification.identify import (
+    Answer,
+    answer_of_all,
+    answer_of_many,
+    fitted_surface,
+    identify,
+)
 from swsysid._identification.problem import attach_likelihood
 from swsysid._identification.settings import IdentificationSettings
 from swsysid._identification.setup import (
@@ -22,8 +29,8 @@ from swsysid._identification.setup import (
     checked_rows,
 )
 from swsysid._identification.terms import surface_candidates
+from swsysid._journal import handing_over, offer
 from swsysid._simulation.model import SwitchingModel, WithSwitchingModel
-from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.metrics._scorers import ScoredByR2
 from swsysid.relaxations import get_relaxation
 from swsysid.relaxations._base import one_hot
@@ -90,6 +97,9 @@ class SwitchingSystemRegressor(
         Starts run in parallel; the result does not depend on it.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
+    checkpoint : str or path, default=None
+        Folder of your own in which finished steps are kept: the same fit goes on from there after
+        it was stopped, and ends with the same answer. `best_so_far` reads what it has until now.
 
     Attributes
     ----------
@@ -146,28 +156,11 @@ class SwitchingSystemRegressor(
     settings = IdentificationSettings()
 
     def __init__(
-        self,
-        n_modes=2,
-        *,
-        feature_library=None,
-        relaxation="exact",
-        loss="l1",
-        coef_bound=None,
-        sparsity=None,
-        known=None,
-        surface=None,
-        coupling="auto",
-        init="auto",
-        n_init="auto",
-        max_modes=6,
-        max_iter=100,
-        tol=1e-6,
-        solver="auto",
-        discrete_time=False,
-        n_jobs=None,
-        random_state=None,
-        verbose=0,
-    ):
+        self, n_modes=2, *, feature_library=None, relaxation="exact", loss="l1", coef_bound=None,
+        sparsity=None, known=None, surface=None, coupling="auto", init="auto", n_init="auto",
+        max_modes=6, max_iter=100, tol=1e-6, solver="auto", discrete_time=False, n_jobs=None,
+        random_state=None, verbose=0, checkpoint=None,
+    ):  # fmt: skip
         self.n_modes = n_modes
         self.feature_library = feature_library
         self.relaxation = relaxation
@@ -187,8 +180,9 @@ class SwitchingSystemRegressor(
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
-    @whole_or_nothing
+    @checkpointed
     def fit(self, X, y, sample_weight=None, *, groups=None):
         """Identify the modes and the surface.
 
@@ -226,6 +220,10 @@ class SwitchingSystemRegressor(
         if rows.sample.is_everything:
             answer = answer_of_all(rows, found, feature_map)
         else:
+            self.coef_, self.n_modes_ = found.best.coef, len(found.best.coef)
+            self.surface_ = fitted_surface(found.problem, found.best.modes)
+            with handing_over(lambda of_the_sample: of_the_sample):
+                offer(self)
             answer = answer_of_many(rows, found, feature_map, search)
         doubts = examine(answer, rows, default_library=self.feature_library is None)
 

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
-from swsysid._data.many_recordings import many_recordings
+from swsysid._data.recordings import many_recordings
+from swsysid._journal import handing_over
 from swsysid._known.known import both_known, check_known
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
@@ -30,7 +32,7 @@ from swsysid._stays.weighted import weighted
 from swsysid._verdict.comparison import Split
 from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Asked, JudgedOnRecordings
-from swsysid._whole_or_nothing import failing_in_words, whole_or_nothing
+from swsysid._whole_or_nothing import failing_in_words
 from swsysid.exporting import ToOtherTools
 from swsysid.refinement._rollout_score import rollout_score
 
@@ -83,6 +85,9 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         Given to `estimator` where that has none.
     verbose : int, default=0
         1 shows the rounds on standard error.
+    checkpoint : str or path, default=None
+        Folder of your own in which finished steps are kept: the same fit goes on from there after
+        it was stopped, and ends with the same answer. `best_so_far` reads what it has until now.
 
     Attributes
     ----------
@@ -172,6 +177,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         n_jobs=None,
         random_state=None,
         verbose=0,
+        checkpoint=None,
     ):
         self.estimator = estimator
         self.order = order
@@ -182,8 +188,9 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
-    @whole_or_nothing
+    @checkpointed
     def fit(self, x, t=None, groups=None, inputs=None):
         """Identify the laws, the modes and the surface.
 
@@ -236,7 +243,8 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
                 estimator, counted, order, self.observed, *options,
                 knowledge=Knowledge(known, origin),
             )  # fmt: skip
-            found, total = search.identified(), None
+            with handing_over(lambda begun: origin.told(begun).model):
+                found, total = search.identified(), None
             if many is None:
                 found = weighted(found, search, origin)
             else:
@@ -246,7 +254,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
                 other = search.without(left_out, found)
                 return weighted(other.identified(), other, origin)
 
-            self.known_ = checked(found, Again(again, estimator.n_modes))
+            self.known_ = checked(found, Again(again, estimator, search.base.noise))
             found = origin.told(found)
         self._keep(given if total is None else None)
         self.input_holds_ = tuple(map(str, holds))
@@ -318,7 +326,12 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
                 options |= {"known": None}
             asked = clone(estimator).set_params(**{"n_modes": n_modes, "known": known} | options)
             again = clone(self).set_params(
-                estimator=asked, known=None, refine=whole, input_hold=self.input_holds_, verbose=0
+                estimator=asked,
+                known=None,
+                refine=whole,
+                input_hold=self.input_holds_,
+                verbose=0,
+                checkpoint=None,
             )
             return again.fit(*given.data(rows))
 

@@ -7,7 +7,7 @@ import os
 import secrets
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from copy import copy
 from functools import wraps
 from pathlib import Path
@@ -22,16 +22,20 @@ Arguments = ParamSpec("Arguments")
 Answer = TypeVar("Answer")
 
 
-def whole_or_nothing(fit: Callable[..., Estimator]) -> Callable[..., Estimator]:
+def whole_or_nothing(
+    fit: Callable[..., Estimator],
+    within: Callable[..., AbstractContextManager[None]] = lambda *data, **options: nullcontext(),
+) -> Callable[..., Estimator]:
     """A `fit` that works on a copy, whose attributes the estimator takes over in one step.
 
-    Interrupted or failed, it leaves the estimator as it was: not fitted, or fitted as before.
+    Interrupted or failed, it leaves the estimator as it was: not fitted, or fitted as before. It
+    works `within` what is opened for the copy and the arguments.
     """
 
     @wraps(fit)
     def fitted(self: Estimator, *data: object, **options: object) -> Estimator:
         draft = copy(self)
-        with failures_in_words():
+        with failures_in_words(), within(draft, *data, **options):
             fit(draft, *data, **options)
         self.__dict__ = vars(draft)
         return self

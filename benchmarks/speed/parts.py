@@ -17,6 +17,7 @@ from sklearn.model_selection import GridSearchCV, KFold, ParameterGrid
 from benchmarks.goals import Goal
 from benchmarks.speed.case import Case
 from benchmarks.speed.direct import direct
+from benchmarks.speed.known import known
 from benchmarks.speed.problems import N_PAPER, Problem, assignments, l1_fits, whole_fits
 from benchmarks.speed.rows import growth, memory, on_disk, rows
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor
@@ -158,6 +159,7 @@ def imports(options) -> Iterator[Case]:
 PARTS: dict[str, Callable[..., Iterator[Case]]] = {
     "assignment": general(assignments),
     "l1_fit": general(l1_fits),
+    "known": known,
     "whole_fit": general(whole_fits),
     "direct": direct,
     "rows": rows,

@@ -10,13 +10,11 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
 from swsysid._automaton.documents import document_of, parts_of
-from swsysid._automaton.equations import transition_equation
-from swsysid._automaton.formulas import system_of
+from swsysid._automaton.equations import system_of, transition_equation
 from swsysid._automaton.parts import AutomatonParts, check_lags
 from swsysid._automaton.rollouts import roll_out
-from swsysid._automaton.spaceex import spaceex_model
+from swsysid._automaton.spaceex import spaceex_model, spaceex_settings
 from swsysid._automaton.spaceex_reading import read_spaceex
-from swsysid._automaton.spaceex_settings import spaceex_settings
 from swsysid._automaton.stating import StatedLaws, StatedTransition, Statement
 from swsysid._results import Trajectory
 from swsysid._simulation.model import law_equations

@@ -18,12 +18,16 @@ import numpy as np
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.polynomial_text import (
+    Polynomial,
+    follows,
     inequalities_in,
+    negative,
+    rate,
     read_inequality,
     read_polynomial,
+    substituted,
 )
-from swsysid._automaton.polynomials import Polynomial, follows, negative, rate, substituted
-from swsysid._automaton.spaceex import MEANING
+from swsysid._automaton.spaceex import MEANING, read_settings
 from swsysid._automaton.spaceex_network import (
     Component,
     Edge,
@@ -31,7 +35,6 @@ from swsysid._automaton.spaceex_network import (
     read_component,
     refusal,
 )
-from swsysid._automaton.spaceex_settings import read_settings
 from swsysid._automaton.stating import constants_of
 from swsysid._checks.parameters import flag, shown
 from swsysid.exporting._text import identifiers

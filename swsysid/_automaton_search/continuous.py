@@ -22,6 +22,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import (
     Assembled,
@@ -33,7 +34,12 @@ from swsysid._automaton_search.assembly import (
 from swsysid._automaton_search.certificates import certificates
 from swsysid._automaton_search.cutting import Cut, Cutting, apart, search_of
 from swsysid._automaton_search.doubts import shared_exits
-from swsysid._automaton_search.elsewhere import errors_elsewhere, guard_elsewhere, told_from
+from swsysid._automaton_search.elsewhere import (
+    automaton_from,
+    errors_elsewhere,
+    guard_elsewhere,
+    told_from,
+)
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import GuardTerms, share_risen
@@ -52,6 +58,7 @@ from swsysid._automaton_search.transitions import possible, transitions_of, with
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._journal import handing_over, offer
 from swsysid._known.known import Known
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
@@ -73,6 +80,8 @@ from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import ExactStart, Search
 from swsysid._stays.settings import StaySettings
 
+_Begun = tuple[HybridAutomaton, list[Array]]  # before it is refined, and the states of recordings
+
 
 def identified(
     estimator: SwitchingSystemRegressor,
@@ -92,9 +101,18 @@ def identified(
     origin = Origin.of(given, estimator, order)
     given = given.with_rates(order)
     counted = origin.counted(given)
-    found = _identified(
-        estimator, counted, terms, settings, told, Knowledge(known, origin), refine=refine
-    )
+
+    def begun(found: StayIdentification | _Begun) -> object:
+        if isinstance(found, StayIdentification):
+            return origin.told(found).model
+        automaton, states = found
+        states = [origin.states(own) for own in states]
+        return automaton_from(origin, automaton, states, given, estimator.feature_library)
+
+    with handing_over(begun):
+        found = _identified(
+            estimator, counted, terms, settings, told, Knowledge(known, origin), refine=refine
+        )
     return told_from(origin, found, given, estimator.feature_library)
 
 
@@ -128,6 +146,12 @@ def _identified(
     found = _by_rollouts(given, stays, pieces, possible(found, stays))
     if refine and found and followed is None:
         told()
+        begun = told_by_parts(given, stays, pieces, found)
+        features, interval = (
+            stays.model.switching_model.feature_map,
+            stays.estimate.nodes.recordings.interval,
+        )
+        offer((assembled(begun, features, interval).automaton, begun.states))
         parts, refinement = _refined_if_possible(
             without_limits(given), stays, pieces, found, settings, origin
         )
@@ -200,7 +224,9 @@ def _answer(
         errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
         errors = errors_elsewhere(origin, errors, automaton)
     rollouts, noise = _rolled_out(given, told, found, stays.left)
-    again = Again(lambda left: search.without(left, stays).identified(), search.estimator.n_modes)
+    again = Again(
+        lambda left: search.without(left, stays).identified(), search.estimator, search.base.noise
+    )
     return IdentifiedAutomaton(
         automaton,
         errors,

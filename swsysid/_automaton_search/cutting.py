@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.recordings import Record
+from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import disturbances
@@ -293,6 +294,7 @@ def _followed(
     return np.array(path)
 
 
+@step
 def apart(
     given: Given, found: StayIdentification, pieces: Pieces, settings: StaySettings
 ) -> tuple[StayIdentification, Pieces]:

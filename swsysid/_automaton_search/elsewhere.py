@@ -33,19 +33,28 @@ def told_from(
     """What was found in columns counted from an origin; `given` are the user's recordings."""
     if not origin.moves:
         return found
-    automaton, states = found.automaton, [origin.states(own) for own in found.states]
+    states = [origin.states(own) for own in found.states]
+    automaton = automaton_from(origin, found.automaton, states, given, library)
+    return replace(found, automaton=automaton, states=states)
+
+
+def automaton_from(
+    origin: Origin, automaton: HybridAutomaton, states: list[Array], given: Given, library: object
+) -> HybridAutomaton:
+    """An automaton that was found there; `states` are those of its recordings, as they are here."""
+    if not origin.moves:
+        return automaton
     features, first_modes = automaton.feature_map, automaton.first_modes
     columns = np.hstack([np.vstack(states), np.vstack([one.u for one in given.records])])
     if first_modes is not None:
         first_modes = replace(first_modes, states=origin.states(first_modes.states))
-    moved = replace(
+    return replace(
         automaton,
         coef=automaton.coef @ origin.change(features),
         feature_map=FeatureMap(library, columns, features.names_in),
         transitions=tuple(_transition(one, origin) for one in automaton.transitions),
         first_modes=first_modes,
     )
-    return replace(found, automaton=moved, states=states)
 
 
 def errors_from(

@@ -22,6 +22,7 @@ coefficient, with which one more switch can be explained.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import blake2b
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,10 @@ from swsysid._results import Array
 # without sides, and those in which switches that it does not explain are left out.
 _SLOWEST = 0.1
 _TURNS, _TURNS_WITHOUT_SIDES, _TURNS_OF_EXPLAINED = 12, 4, 4
+
+
+# Guards by the names of what they are found from.
+Solved = dict[bytes, FoundGuard | None]
 
 
 class GuardTerms(NamedTuple):
@@ -83,6 +88,15 @@ class Crossed:
             self.interval,
         )
 
+    def told_by(self, some: NDArray[np.intp]) -> bytes:
+        """A name of all that a guard of some columns is found from."""
+        name = blake2b(some.tobytes())
+        for part in (self.columns, self.rates, self.beside, self.beside_rates):
+            name.update(part[:, some].tobytes())
+        for part in (self.errors, self.signs):
+            name.update(part.tobytes())
+        return name.digest()
+
     def joined(self, back: Crossed) -> Crossed:
         """That of one surface which is also crossed back; it does not see the clocks."""
         columns, beside = (
@@ -101,15 +115,26 @@ class Crossed:
 
 
 def best_guard(
-    crossed: Crossed, degree: int, some: NDArray[np.intp] | None = None
+    crossed: Crossed,
+    degree: int,
+    some: NDArray[np.intp] | None = None,
+    solved: Solved | None = None,
 ) -> FoundGuard | None:
-    """The guard of least cost among those of few columns, or the one of some columns."""
+    """The guard of least cost among those of few columns, or the one of some columns.
+
+    `solved` are guards of this degree and interval that are known, and those found here go there.
+    """
+    known_ones: Solved = {} if solved is None else solved
+
+    def guard_of(some: NDArray[np.intp]) -> FoundGuard | None:
+        name = crossed.told_by(some)
+        if name not in known_ones:
+            known_ones[name] = _guard_of(crossed, some, degree)
+        return known_ones[name]
+
     if some is not None:
-        return _guard_of(crossed, some, degree)
-    n_columns = crossed.columns.shape[1]
-    return cheapest_guard(
-        n_columns, lambda some: _guard_of(crossed, some, degree), crossed.interval
-    )
+        return guard_of(some)
+    return cheapest_guard(crossed.columns.shape[1], guard_of, crossed.interval)
 
 
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
@@ -145,10 +170,10 @@ def _rises(guard: PolynomialGuard, columns: Array, rates: Array) -> tuple[Array,
 
 
 def surface_both_ways(
-    there: Crossed, back: Crossed, degree: int
+    there: Crossed, back: Crossed, degree: int, solved: Solved
 ) -> tuple[FoundGuard, FoundGuard] | None:
     """One surface for both ways between two modes, as a guard for each that costs what both do."""
-    found = best_guard(there.joined(back), degree)
+    found = best_guard(there.joined(back), degree, solved=solved)
     if found is None:
         return None
     n = len(there.columns)
@@ -180,7 +205,7 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     )
 
 
-class _Solved(NamedTuple):
+class _Program(NamedTuple):
     """The best guard of some columns."""
 
     coef: Array
@@ -192,7 +217,7 @@ class _Solved(NamedTuple):
     beyond: int  # samples that are on the wrong side
 
 
-def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
+def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
     values, slopes = basis.values(own.columns), basis.slopes(own.columns, own.rates)
     beside, beside_slopes = basis.values(own.beside), basis.slopes(own.beside, own.beside_rates)
     rising = slopes.mean(axis=0)
@@ -241,7 +266,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Solved | None:
     cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
     rows = values * (weights / (rates * errors))[:, None]
     n_beyond = int((wrong > SETTINGS.near * own.interval).sum())
-    return _Solved(coef, times, cost, random, told.chance, scaled.covariance(rows), n_beyond)
+    return _Program(coef, times, cost, random, told.chance, scaled.covariance(rows), n_beyond)
 
 
 def _least_absolute(misses: Array) -> Array:

@@ -9,7 +9,7 @@ that may go on do so, and every choice of these is tried.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -19,12 +19,14 @@ from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransit
 from swsysid._automaton_search.guards import (
     Crossed,
     GuardTerms,
+    Solved,
     best_guard,
     blurred_by,
 )
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._ties import least_of
@@ -46,6 +48,8 @@ class GuardContext:
     interval: float
     terms: GuardTerms
     n_positions: int = 0  # of the states, the first: a speed jumps, and they go on
+    # a memory: a clock that begins elsewhere leaves guards without it what they are
+    solved: Solved = field(default_factory=dict)
 
     def crossed(self, switches: Switches) -> Crossed:
         """What the guard of switches is known by, these at their present instants."""
@@ -57,7 +61,7 @@ class GuardContext:
 
     def guard(self, switches: Switches, some: NDArray[np.intp] | None = None) -> FoundGuard | None:
         """The guard of switches at their present instants, of some columns or of any."""
-        return best_guard(self.crossed(switches), self.terms.degree, some)
+        return best_guard(self.crossed(switches), self.terms.degree, some, self.solved)
 
     @property
     def errors(self) -> Array:
@@ -89,6 +93,7 @@ class Settled:
         )
 
 
+@step
 def settled(switches: Switches, context: GuardContext) -> Settled:
     """What the transition of some switches is, and when they happened."""
     if not switches.jumped.any():

@@ -16,6 +16,7 @@ from swsysid._data.trajectories import label_text, spread
 from swsysid._free_rollouts.courses import Course, Switch
 from swsysid._free_rollouts.judge import FreeRollouts, free_rollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.pieces import without_limits
@@ -26,6 +27,7 @@ from swsysid.refinement._rollout_score import determination, rough_states
 _TURNS_OF_STARTS = 10
 
 
+@step
 def judged(
     automaton: HybridAutomaton,
     given: Given,
@@ -54,6 +56,7 @@ def judged(
     return _rolled_out(automaton, courses, seen), seen
 
 
+@step
 def judged_on(automaton: HybridAutomaton, given: Given, noise: Array) -> FreeRollouts:
     """What they leave of others, from the mode and the state that fit the first samples best."""
     courses, given = [], given if automaton.discrete_time else without_limits(given)

@@ -23,6 +23,7 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
 from swsysid._automaton_search.transition_guards import TransitionGuards
 from swsysid._data.recordings import Record
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
@@ -37,6 +38,7 @@ from swsysid._stays.stays import Stays
 _WORSE = 0.05  # part by which rollouts of the recordings may be worse by chance
 
 
+@step
 def refined(
     given: Given,
     stays: StayIdentification,

@@ -46,6 +46,7 @@ from swsysid._discrete_stays.identify import (
 from swsysid._discrete_stays.lagged import KnownGuard
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.given import Given
 
@@ -238,6 +239,7 @@ def _agreeing(rows: ModeRows, degree: int) -> tuple[ModeRows, list[FoundTransiti
     return rows, found
 
 
+@step
 def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
     """Guards and resets of all transitions that are taken."""
     pairs = [(int(i), int(j)) for i, j in np.unique(_pairs_of(rows.taken), axis=0)]

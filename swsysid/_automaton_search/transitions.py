@@ -13,7 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from swsysid._automaton_search.conditions import with_teller
-from swsysid._automaton_search.guards import GuardTerms, missed_by, share_risen, surface_both_ways
+from swsysid._automaton_search.guards import (
+    GuardTerms,
+    Solved,
+    missed_by,
+    share_risen,
+    surface_both_ways,
+)
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
 from swsysid._stays.descent import most_likely
@@ -30,15 +36,15 @@ _MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 
 def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
     """Guards, resets and instants of all transitions."""
-    positions = pieces.given.n_positions
-    found = _settled(stays, switches_of(stays, pieces), terms, positions)
+    known = terms, pieces.given.n_positions, Solved()
+    found = _settled(stays, switches_of(stays, pieces), *known)
     began = np.full(len(pieces.first), np.nan)
     for one in found:
         own = one.switches
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        found = _settled(stays, switches_of(stays, pieces, began), terms, positions)
+        found = _settled(stays, switches_of(stays, pieces, began), *known)
     return found
 
 
@@ -47,11 +53,12 @@ def _settled(
     told: tuple[Switches, Visits],
     terms: GuardTerms,
     positions: int,
+    solved: Solved,
 ) -> list[Settled]:
     switches, visits = told
     interval = stays.estimate.nodes.recordings.interval
     context = GuardContext(
-        visits, stays.estimate.laws, stays.reached.noise, interval, terms, positions
+        visits, stays.estimate.laws, stays.reached.noise, interval, terms, positions, solved
     )
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
@@ -91,7 +98,7 @@ def _of_one_surface(
     if there.guard is None or back.guard is None or there.reset or back.reset:
         return there, back
     both = context.crossed(there.switches), context.crossed(back.switches)
-    surface = surface_both_ways(*both, context.terms.degree)
+    surface = surface_both_ways(*both, context.terms.degree, context.solved)
     if surface is None:
         return there, back
     up, down = surface

@@ -19,13 +19,17 @@ DESCRIPTION = """\
 Identify a switching system from measured trajectories: the differential equation of each mode
 and the surface in the state space at which the law changes.
 
-Give a recording with one column for each signal: a text file of any layout, a spreadsheet, .npz,
-.parquet or .mat. Unless derivatives are measured too, the laws, modes and switch instants are those
-under which the recording is most likely; smoothed derivatives serve as a start and as a test. What
-had to be mended, masked or left out is printed with its rows of the file. The equations with their
-standard errors, the switching surface and the error on held-out data, beside that of the best model
-without switching, are printed; the model (model.json), the text (identification.txt) and a picture
-of the modes (phase_portrait.png) go into a folder. Without a file, a built-in damped oscillator is
+Give recordings with one column for each signal: text files of any layout, spreadsheets, arrays,
+files of loggers, buses, robots and simulators. Several files are runs where each has all columns,
+else channels of one run on clocks of their own.
+
+Unless derivatives are measured too, the laws, modes and switch instants are those under which the
+recording is most likely; smoothed derivatives serve as a start and as a test. What had to be
+mended, masked or left out is printed with its rows of the file. The equations with their standard
+errors, the switching surface and the error on held-out data, beside that of the best model without
+switching, are printed; the model (model.json), the text (identification.txt), a picture of the
+modes (phase_portrait.png) and a page with the rollout over each trajectory, what it leaves, modes
+and guards (report.html) go into a folder. Without a file, a built-in damped oscillator is
 simulated, measured with noise and identified.
 
 With --diagnose the identified model is then asked what it lacks: friction, backlash, delays,
@@ -43,6 +47,10 @@ examples:
   / mass, friction changes with the direction of motion:
     python -m swsysid axis.mat --states q --inputs force --time t --order 2 \\
         --units q=m,force=N,t=s
+
+  Runs in a folder, and a log of a drone:
+    python -m swsysid runs/ --states h --automaton
+    python -m swsysid flight.ulg --states vehicle.z --inputs motor.thrust
 
   What does one linear law of a cart lack? One mode, a logged signal that it
   does not use, a page:
@@ -67,7 +75,7 @@ class _Parser(argparse.ArgumentParser):
             hint = f" Did you mean {close[0]}?" if close else ""
             message = f"{wrong} is no option.{hint}"
         elif message.startswith("unrecognized"):
-            message = f"{wrong!r} belongs to no option; one recording is read at a time."
+            message = f"{wrong!r} belongs to no option; recordings come before all options."
         self.exit(2, f"swsysid: {message} (python -m swsysid --help lists the options)\n")
 
 
@@ -86,7 +94,7 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     parser = _Parser(
         prog="python -m swsysid",
-        usage="%(prog)s [file] [options]",
+        usage="%(prog)s [file ...] [options]",
         description=_filled(DESCRIPTION),
         epilog=_filled(EXAMPLES),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -112,10 +120,12 @@ def _filled(text: str) -> str:
 def _add_recording(add: Callable) -> None:
     """What was measured, and how velocities are made of it."""
     add(
-        "file",
-        nargs="?",
-        help="recording with named columns: text of any layout (.csv, .tsv, .txt, .dat; .gz), "
-        ".xlsx, .parquet, .npz, .mat (none: an example)",
+        "files",
+        nargs="*",
+        metavar="file",
+        help="recordings with named columns, patterns such as 'runs/*.csv' or folders: text of any "
+        "layout (.csv, .tsv, .txt, .dat; .gz), .xlsx, .parquet, .npz, .mat, .mf4, .tdms, .h5, "
+        ".ulg, .bag, .mcap, .cfg, .blf and .asc beside a .dbc, .fmu (none: an example)",
     )
     add("--states", **_NAMES, metavar="NAME", help="columns of the measured states")
     add("--inputs", **_NAMES, metavar="NAME", help="columns of the inputs")
@@ -126,7 +136,12 @@ def _add_recording(add: Callable) -> None:
         help="inputs that keep their value from one of their rows to the next; others lie on lines "
         "(default: as the recordings say)",
     )
-    add("--time", metavar="NAME", help="column of the times: numbers, or dates and clock times")
+    add(
+        "--time",
+        metavar="NAME",
+        help="column of the times: numbers, or dates and clock times (default: t, time or "
+        "timestamp)",
+    )
     add(
         "--time-unit",
         choices=("s", "ms", "us", "ns"),
@@ -239,6 +254,13 @@ def _add_model(add: Callable) -> None:
     add("--test-fraction", type=float, default=0.3, help="held out for the error (default: 0.3)")
     add("--output", type=Path, default=Path("swsysid_output"), metavar="DIR", help="folder to fill")
     add("--random-state", type=int, default=0, metavar="SEED", help="(default: 0)")
+    add(
+        "--checkpoint",
+        type=Path,
+        metavar="DIR",
+        help="folder of your own for what is finished on the way: the same command goes on from it "
+        "after it was stopped",
+    )
     add("--jobs", type=int, metavar="N", help="starts searched in parallel")
     add(
         "-v",

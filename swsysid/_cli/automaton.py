@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.saving import save_automaton
 from swsysid._cli.text import described
+from swsysid._journal import handing_over
 from swsysid._results import SolverError
 from swsysid._stays.given import Given, read_given
 from swsysid._tables.table import Table, TableError
@@ -103,6 +104,7 @@ class _Identification:
         wishes = self.options
         model = HybridAutomatonRegressor(
             n_modes,
+            known=list(wishes.known) or None,
             order=wishes.measurement.order,
             feature_library=self.terms.library(self.samples.X.shape[1]),
             guard_degree=wishes.surface_degree,
@@ -112,7 +114,9 @@ class _Identification:
             random_state=wishes.random_state,
             verbose=int(wishes.verbose),
         )
-        return model.set_params(**options).fit(*self._data(rows))
+        rival = {"known": None} if "feature_library" in options else {}  # its terms are others
+        with handing_over(None) if isinstance(rows, slice) else nullcontext():
+            return model.set_params(**rival, **options).fit(*self._data(rows))
 
     def held_out(self, trained: HybridAutomatonRegressor) -> str:
         """How an automaton of the training rows rolls out the others."""

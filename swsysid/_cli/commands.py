@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -17,7 +18,7 @@ from swsysid._checks.estimators import column_names
 from swsysid._results import Array, Trajectory
 from swsysid._saving.files import Recording, load_model
 from swsysid._tables.readers import read_table
-from swsysid._tables.recordings import usual_clock
+from swsysid._tables.several import usual_clock
 from swsysid._tables.table import Table, TableError
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid._whole_or_nothing import write_text
@@ -114,7 +115,13 @@ def export(arguments: argparse.Namespace) -> str:
         ]
         write_text(path, "\n".join(lines) + "\n")
     else:
-        {"c": model.to_c, "fmu": model.to_fmu, "modelica": model.to_modelica}[to](path)
+        write: dict[str, Callable[[Path], None]] = {
+            "c": model.to_c,
+            "fmu": partial(model.to_fmu, fmi_version=arguments.fmi_version),
+            "matlab": model.to_matlab,
+            "modelica": model.to_modelica,
+        }
+        write[to](path)
     return f"{path}"
 
 
@@ -169,6 +176,15 @@ def _write(path: str, names: Sequence[str], columns: Sequence[NDArray]) -> None:
     listed = zip(*(one.tolist() for one in columns), strict=True)
     rows += [",".join(map(repr, row)) for row in listed]
     write_text(path, "\n".join(rows) + "\n")
+
+
+def of_a_path(error: OSError) -> str:
+    """What is wrong with a path, in a sentence."""
+    place = Path(str(error.filename))
+    if isinstance(error, FileNotFoundError):
+        missing = "file" if place.parent.is_dir() else "folder"
+        return f"There is no {missing} {place if missing == 'file' else place.parent}."
+    return f"{place} cannot be used: {(error.strerror or 'it is no file').lower()}."
 
 
 WORK = {"simulate": simulate, "predict": predict, "export": export, "show": show}

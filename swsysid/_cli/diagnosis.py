@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +17,10 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.runs import parted
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.text import described, preparation, units_of_displays
+from swsysid._journal import handing_over
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import stage
-from swsysid._results import Array
+from swsysid._results import Array, SolverError
 from swsysid._stays.given import FEWEST_SAMPLES, read_given
 from swsysid._tables.table import Table, TableError
 from swsysid._verdict.settings import JUDGING
@@ -114,7 +116,9 @@ def diagnosed(
     jumps = _jumps(samples, options)
     # one law, and what it jumps by, if that is enough
     for modes in [1] * jumps + ["auto"] * (jumps or done.explains_little):
-        with stage("Looking for jumps" if modes == 1 else "Looking for several laws", watched):
+        several = None
+        what = "Looking for jumps" if modes == 1 else "Looking for several laws"
+        with stage(what, watched), suppress(SolverError):  # the one law stands without them
             several = automaton_of(
                 samples, replace(options, modes=modes), is_worth=done.is_worse_than
             )
@@ -143,18 +147,29 @@ def searched(
     States as they were measured are searched, for what a filter has smeared looks like other
     effects; with order 2 velocities are those of the filter.
     """
+    search = EffectSearchCV(
+        declared,
+        effects=list(effects),
+        input_hold=options.measurement.input_hold,
+        n_jobs=options.n_jobs,
+        random_state=options.random_state,
+        verbose=int(options.verbose),
+    )
+    with handing_over(None):
+        return _fitted(search, samples, declared, options)
+
+
+def _fitted(
+    search: EffectSearchCV,
+    samples: Samples,
+    declared: SwitchingSystemRegressor,
+    options: JobOptions,
+) -> EffectSearchCV:
     import pandas as pd
 
     def frame(columns: NDArray, names: Sequence[str]) -> pd.DataFrame | None:
         return pd.DataFrame(columns, columns=list(names)) if len(names) else None
 
-    search = EffectSearchCV(
-        declared,
-        effects=list(effects),
-        n_jobs=options.n_jobs,
-        random_state=options.random_state,
-        verbose=int(options.verbose),
-    )
     recorded, n_states = samples.recorded, len(samples.rate_names)
     names, signal_names = samples.names, samples.signal_names
     signals, t, groups = samples.signals, samples.t, samples.groups

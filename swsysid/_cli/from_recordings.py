@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from swsysid._cli.options import JobOptions
 from swsysid._cli.samples import Samples
 from swsysid._cli.settings import RECORDINGS
 from swsysid._free_rollouts.judge import FreeRollouts
+from swsysid._journal import handing_over
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import SolverError
 from swsysid._stays.given import read_given
@@ -207,7 +209,8 @@ class _Identification:
             n_jobs=self.options.n_jobs,
             verbose=int(self.options.verbose and not isinstance(rows, np.ndarray)),
         )
-        return identifier.fit(*self.recorded.named(self.samples.names, rows))
+        with handing_over(None) if isinstance(rows, slice) else nullcontext():
+            return identifier.fit(*self.recorded.named(self.samples.names, rows))
 
     def _modes(self, identifier: TrajectoryIdentifier) -> NDArray[np.intp]:
         """Of the rows of the samples."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from swsysid._tables.table import TableError
@@ -50,6 +51,41 @@ class Measurement:
     def channels(self) -> list[str]:
         """The columns of numbers other than the times."""
         return [*self.states, *self.inputs, *self.signals, *self.derivatives]
+
+
+def read_measured(
+    paths: Sequence[str], what: Measurement, units: Mapping[str, str], missing: Sequence[str]
+) -> tuple[Table, Measurement]:
+    """The table of one file or of several, and which of its columns are what.
+
+    States are those that the file itself names, and times those of a column of a usual name, where
+    nobody names any.
+    """
+    from swsysid._tables.formats import own_format
+    from swsysid._tables.several import read_files, recording_files, usual_clock
+    from swsysid._tables.together import together
+
+    files = read_files(paths, units, missing)
+    tables = [table for each in files for table in each]
+    if not what.states and not what.quantity:
+        listed = dict.fromkeys(column for table in tables for column in table.columns)
+        if not tables[0].states:
+            raise TableError(
+                f"Name the states with --states; the columns are: {', '.join(listed)}."
+            )
+        what = replace(what, states=tables[0].states)
+    [first, *more] = recording_files(paths)
+    if len(tables) == 1 and not more and own_format(first, ()) is None:
+        [table] = tables
+        if not what.timed and not what.derivatives:
+            what = replace(what, time=usual_clock(table))
+        check_roles(table, what)
+        return table, what
+    is_clocked = what.time_step is None and (what.time is not None or not what.derivatives)
+    table, time, groups = together(files, what.channels, what.time, what.groups, is_clocked)
+    what = replace(what, time=time, groups=groups)
+    check_roles(table, what)
+    return table, what
 
 
 def check_roles(table: Table, what: Measurement) -> None:

@@ -16,7 +16,8 @@ from swsysid._tables.table import TableError
 #: What a run writes; the first two say what the folder holds.
 MODEL, AUTOMATON, TEXT = "model.json", "automaton.json", "identification.txt"
 EFFECTS, PORTRAIT, GRAPH = "model_with_effects.json", "phase_portrait.png", "automaton.png"
-_NAMES = (MODEL, AUTOMATON, TEXT, EFFECTS, PORTRAIT, GRAPH)
+REPORT = "report.html"
+_NAMES = (MODEL, AUTOMATON, TEXT, EFFECTS, PORTRAIT, GRAPH, REPORT)
 _DRAFT = ".swsysid-"
 _FORMATS = ("swsysid model", "swsysid automaton")
 

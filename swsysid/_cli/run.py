@@ -7,12 +7,14 @@ import hashlib
 import html
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 
 from sklearn.base import clone
 
+from swsysid._checkpoints import versions
 from swsysid._cli.arguments import LIBRARIES, is_watched, modes
 from swsysid._cli.automaton import own_warnings, run_automaton
 from swsysid._cli.diagnosis import chosen_effects, diagnosed, searched
@@ -21,26 +23,31 @@ from swsysid._cli.measurement import Measurement
 from swsysid._cli.output import prepare
 from swsysid._cli.saving import page_title, save, save_diagnosis
 from swsysid._cli.text import render, units_of_displays, with_effects
+from swsysid._journal import handing_over, journal
 from swsysid._rendering.progress import stage
 from swsysid._results import SolverError
+from swsysid._tables.several import recording_files
 from swsysid._tables.table import Table, TableError
 from swsysid.diagnosis import EffectSearchCV
 from swsysid.effects import Effect
 
 PAGE = "swsysid_diagnosis.html"
+# Whatever these are, the answer is the same.
+_WITHOUT_MEANING = {"files", "output", "html", "jobs", "verbose", "checkpoint"}
 
 
 def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
     """Identify, print and save; the exit code is 1 for a failed solver."""
     try:
-        return _run(table, measurement, arguments)
+        with _kept(arguments):
+            return _run(table, measurement, arguments)
     except SolverError as error:
         print(f"swsysid: {error}", file=sys.stderr)
         return 1
 
 
 def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
-    checksum = _checksum(arguments.file)
+    checksum = _checksum(arguments.files)
     prepare(arguments.output, table.source, checksum)
     watched = is_watched(arguments.verbose)
     options = _options(arguments, measurement)
@@ -70,6 +77,19 @@ def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) 
     return save(result, text, arguments.output, search, page, checksum)
 
 
+@contextmanager
+def _kept(arguments: argparse.Namespace) -> Iterator[None]:
+    """Steps of the work go into a folder, if one is named; of other work it is refused."""
+    if arguments.checkpoint is None:
+        yield
+        return
+    told = {name: repr(value) for name, value in sorted(vars(arguments).items())
+            if name not in _WITHOUT_MEANING}  # fmt: skip
+    work = {"recording": _checksum(arguments.files), **told, **versions()}
+    with journal(arguments.checkpoint, work), handing_over(lambda found: None):
+        yield
+
+
 def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOptions:
     given, degree = vars(arguments), arguments.library_degree
     options = {each.name: given[each.name] for each in fields(JobOptions) if each.name in given}
@@ -91,12 +111,23 @@ def _diagnose(result: JobResult, effects: Sequence[Effect]) -> EffectSearchCV:
     return searched(result.samples, declared, effects, result.options)
 
 
-def _checksum(file: str | None) -> str:
-    """Which recording it is; "" for the built-in example."""
-    if file is None:
+def _checksum(paths: Sequence[str]) -> str:
+    """Which recordings these are; "" for the built-in example."""
+    found = [
+        inside
+        for path in recording_files(paths)
+        for inside in (sorted(path.iterdir()) if path.is_dir() else [path])
+    ]
+    if not found:
         return ""
-    with open(file, "rb") as read:
-        return hashlib.file_digest(read, "sha256").hexdigest()
+    together = hashlib.sha256()
+    for path in found:
+        with path.open("rb") as read:
+            content = hashlib.file_digest(read, "sha256")
+        if len(found) == 1:
+            return content.hexdigest()
+        together.update(content.digest())
+    return together.hexdigest()
 
 
 def _page_path(chosen: Path, source: str) -> Path:

@@ -48,7 +48,7 @@ def runs_of(
     cells: NDArray[np.float64],
     labels: NDArray | None,
     rows: Rows,
-    in_file: Callable[[int], int],
+    in_file: Callable[[int], int | str],
     name: str,
     largest_gap: float,
 ) -> Runs:

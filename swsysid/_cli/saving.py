@@ -16,16 +16,21 @@ from sklearn.base import BaseEstimator
 
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._cli.job import JobResult
-from swsysid._cli.output import AUTOMATON, EFFECTS, GRAPH, MODEL, PORTRAIT, TEXT, results
+from swsysid._cli.output import AUTOMATON, EFFECTS, GRAPH, MODEL, PORTRAIT, REPORT, TEXT, results
 from swsysid._cli.samples import Samples
 from swsysid._cli.text import units_of_displays
+from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._saving.files import Recording, save_model
+from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid._whole_or_nothing import written_beside
 from swsysid.diagnosis import EffectSearchCV
+from swsysid.report import recording_page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
+Fitted = TrajectoryIdentifier | HybridAutomatonRegressor | SwitchingSystemRegressor
 
 _NO_PICTURE = ' (no picture: install matplotlib, pip install "swsysid[plot]").'
 _MISSING = re.compile("Glyph .* missing from")  # a warning of matplotlib's
@@ -47,6 +52,7 @@ def save(
 
     def write(draft: Path, beside: Path | None) -> str:
         drawn = _draw(result, draft / PORTRAIT)
+        drawn += _write_report(*_fitted_to(result), samples, text, draft)
         if search is not None and beside is not None:
             drawn += _write_search(search, samples, recording, draft, beside)
         return drawn
@@ -68,11 +74,49 @@ def save_diagnosis(
 
     def write(draft: Path, beside: Path | None) -> str:
         assert beside is not None
-        written = "" if several is None else _write_automaton(several, draft)
+        written = ""
+        if several is not None:
+            written = _write_automaton(several, draft)
+            written += _write_report(several, _recorded(samples), samples, text, draft)
         return written + _write_search(search, samples, recording, draft, beside)
 
     declared = search.declared_estimator_.estimator_
     return _save(several or declared, recording, text, folder, page, write)
+
+
+def _fitted_to(result: JobResult) -> tuple[Fitted, tuple | None]:
+    """What was fitted, and to what; None where these rows are no motion with times."""
+    found, samples = result.found, result.samples
+    if found is not None:
+        return found.identifier, _recorded(samples)
+    if samples.t is None or result.options.measurement.quantity:
+        return result.model, None
+    n_states = samples.Xdot.shape[1]
+    frame = samples.frame
+    inputs = frame.iloc[:, n_states:] if samples.X.shape[1] > n_states else None
+    return result.model, (frame.iloc[:, :n_states], samples.t, samples.groups, inputs)
+
+
+def _recorded(samples: Samples) -> tuple:
+    assert samples.recorded is not None
+    return samples.recorded.named(samples.names, slice(None))
+
+
+def _write_report(
+    model: Fitted, data: tuple | None, samples: Samples, text: str, draft: Path
+) -> str:
+    """The page of what the model makes of the recordings; says what there is."""
+    if data is None:
+        return ""
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", _MISSING.pattern)
+            units = {**samples.units, "time": samples.time_unit}
+            told = recording_page(model, *data, units=units, title=samples.source, found=text)
+    except ValueError as why:  # rows that derivatives were fitted to need be no recordings
+        return f" (no {REPORT}: {why})"
+    (draft / REPORT).write_text(told, encoding="utf-8")
+    return f", {REPORT}"
 
 
 def _write_search(
@@ -93,7 +137,8 @@ def save_automaton(
     """Write and print what was found; the exit code is 2 if it cannot be written."""
 
     def write(draft: Path, _: Path | None) -> str:
-        return _write_automaton(found, draft)
+        report = _write_report(found, _recorded(samples), samples, text, draft)
+        return _write_automaton(found, draft) + report
 
     return _save(found, _recording(samples, checksum), text, folder, None, write)
 
@@ -183,7 +228,7 @@ def _draw(result: JobResult, path: Path) -> str:
         return _NO_PICTURE
     from swsysid.plotting import SwitchingSurfaceDisplay
 
-    told = {"names": samples.names, "units": samples.units}
+    told = {"features": "auto", "names": samples.names, "units": samples.units}
     X = samples.with_recorded_inputs
     display = SwitchingSurfaceDisplay.from_estimator(result.model, X, modes=result.modes, **told)
     return _picture(display.figure_, path)

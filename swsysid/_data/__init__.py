@@ -6,8 +6,7 @@ units; all else in this package asks for checked rows in one order.
 *In*: what users hand in. *Out*: `RowBlocks`, `Records`, features.
 
 In reading order: `sources` (where rows come from), `rows` (their canonical order), `sampling`,
-`trajectories` (rows of recordings), `recordings` (one of them, and where its inputs step),
-`many_recordings` (read where they are worked on),
+`trajectories` (rows of recordings), `recordings` (where inputs step; those read where they are),
 `records` (with inputs, signals and times), `windows` (local polynomials along them),
 `coordinates` and `features` (columns made of columns).
 """

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import labels, table
+from swsysid._data.recordings import Hold, stepped
 from swsysid._data.trajectories import increasing_times, places_along
 from swsysid._results import Array
 
@@ -51,6 +52,8 @@ class Records:
     quantity : str or None
         What the one law gives where that is the rate of no state: a force, a torque, a current.
         No column of X is a state then. None where the equations are those of states.
+    held : frozenset of int
+        Inputs that keep their value until the next row; others are on lines between rows.
     """
 
     X: Array
@@ -65,6 +68,7 @@ class Records:
     rates: frozenset[int] = frozenset()
     positions: Mapping[int, int] = field(default_factory=dict)
     quantity: str | None = None
+    held: frozenset[int] = frozenset()
 
     def __len__(self) -> int:
         return len(self.X)
@@ -162,6 +166,17 @@ class Records:
         for rows in self.trajectories:
             answer[rows] = operator(self.t[rows], values[rows])
         return answer
+
+    def response(self, operator: Callable[[Array, Array], Array], number: int) -> Array:
+        """The same of a channel, as it is between the rows too."""
+        if number not in self.held:
+            return self.along(operator, self.channel(number))
+
+        def of_steps(t: Array, values: Array) -> Array:
+            found = stepped(t, values[:, None], [Hold.ROW])
+            return operator(found.t, found.u[:, 0])[found.places]
+
+        return self.along(of_steps, self.channel(number))
 
     def averaged(self, columns: Array, rows: Rows | None = None) -> Array:
         """Columns of all rows as the velocities show them, on some rows or all."""

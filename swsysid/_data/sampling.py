@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.sources import Answer, RowBlocks, Rows
+from swsysid._journal import step
 from swsysid._results import Array
 
 # Multipliers and shifts of a mixing function of 64 bits (the finalizer of MurmurHash3).
@@ -56,6 +57,7 @@ class _Drawn:
         return _Drawn(numbers[:n_rows], self.place[first], replace(rows, weight=weight[:n_rows]))
 
 
+@step
 def draw_sample(blocks: RowBlocks, n_rows: int, most_rows: int) -> Sample:
     """All rows if these are at most `most_rows`, else the `n_rows` of the smallest numbers.
 

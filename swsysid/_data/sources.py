@@ -19,6 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from swsysid._checks.arrays import labels, numbers
 from swsysid._checks.estimators import block_of_rows
 from swsysid._data.rows import check_sample_weight
+from swsysid._journal import resumable
 from swsysid._results import Array
 
 Answer = TypeVar("Answer")
@@ -117,7 +118,8 @@ class _Sequence(RowBlocks):
                 )
             start, end = end, end + len(rows)
             if len(rows):
-                yield function(rows) if carried is None else function(rows, carried[start:end])
+                one = resumable(function)
+                yield one(rows) if carried is None else one(rows, carried[start:end])
             del part, rows  # before the next ones are read
 
 
@@ -142,9 +144,9 @@ class _Dask(RowBlocks):
         if carried is not None:
             extra = [(part,) for part in np.split(carried, self.ends[:-1])]
         # The function is one node of the graph: every worker gets it once.
-        run, function = delayed(_on_part, pure=False), delayed(function, pure=False)
+        function = delayed(function, pure=False)
         tasks = [
-            run(function, number, part, *more)
+            delayed(resumable(_on_part), pure=False)(function, number, part, *more)
             for number, (part, more) in enumerate(zip(self.parts, extra, strict=True))
         ]
         yield from (answer for answer in compute(*tasks) if answer is not None)

@@ -18,7 +18,6 @@ from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
-from swsysid._discrete_stays.noises import NoiseProfile
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
 from swsysid._discrete_stays.relations import parted_by_relations
 from swsysid._discrete_stays.rows import RowFit, RowProblem
@@ -29,7 +28,8 @@ from swsysid._discrete_stays.search import (
     StaySearch,
     lasting_only,
 )
-from swsysid._discrete_stays.states import with_states
+from swsysid._discrete_stays.states import NoiseProfile, with_states
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.arrow import covariance_of
 
@@ -88,6 +88,7 @@ class DiscreteStays:
     names: Labels
 
 
+@step
 def identify_stays(
     recordings: Sequence[Record],
     lags: int | str = "auto",
@@ -161,6 +162,7 @@ def identify_stays(
     return _answer(one, own, tried, shapes, order)
 
 
+@step
 def with_guards(stays: DiscreteStays, guards: Sequence[KnownGuard]) -> tuple[DiscreteStays, float]:
     """Modes that ask guards, laws for these, and the log likelihood of the modes.
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.modes import reassigned
-from swsysid._discrete_stays.noises import with_own_ratio
 from swsysid._discrete_stays.rows import (
     RowFit,
     alternate,
@@ -22,7 +21,8 @@ from swsysid._discrete_stays.rows import (
     switching_of,
 )
 from swsysid._discrete_stays.starts import LawPool, best_thresholds
-from swsysid._discrete_stays.states import StateFit, with_states
+from swsysid._discrete_stays.states import StateFit, with_own_ratio, with_states
+from swsysid._journal import step
 from swsysid._results import Array
 
 # Residuals below this come from arithmetic, and laws of highest likelihood in all states would only
@@ -151,6 +151,7 @@ class StaySearch:
         allowed = self.max_modes if n_modes is None else n_modes
         return [*best.values(), *(fit for fit in self.told if len(fit.coef) <= allowed)]
 
+    @step
     def _alternated(self, count: int, last: RowFit | None) -> RowFit:
         """The best of the starts with so many modes."""
         starts = [self.pool.best(count)]
@@ -237,6 +238,7 @@ def _is_rough(fit: RowFit) -> NDArray[np.bool_]:
     return np.asarray(size > _ROUGH * size.min())
 
 
+@step
 def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) -> Found:
     """Laws and modes in turn, with noise where it was measured and ever less disturbance.
 
@@ -261,6 +263,7 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) 
     return replace(best, history=tuple(history))
 
 
+@step
 def with_both_noises(data: DiscreteData, found: Found) -> Found:
     """The same with the noise of the sensor and that in the equation told apart."""
     if found.states is None:

@@ -32,13 +32,14 @@ class RolloutDisplay(Display):
     Parameters
     ----------
     times : list of ndarray of shape (n_times,)
-        Times since the start of each trajectory, in s.
+        Times since the start of each trajectory.
     measured, simulated : list of ndarray of shape (n_times, n_states)
         A rollout that stopped early is shorter than its measured trajectory.
     columns : sequence of 1 or 2 int
         The states that are drawn.
     labels : sequence of str
         Their axis labels.
+    time_label : str, default="time (s)"
 
     Attributes
     ----------
@@ -63,6 +64,7 @@ class RolloutDisplay(Display):
     simulated: list[NDArray]
     columns: Sequence[int]
     labels: Sequence[str]
+    time_label: str = "time (s)"
 
     @classmethod
     def from_estimator(
@@ -88,7 +90,7 @@ class RolloutDisplay(Display):
         X : array-like or data frame of shape (n_samples, n_states + n_inputs)
             Measured states, then inputs, rows of one trajectory in time order.
         t : array-like of shape (n_samples,)
-            Times in s.
+            Times, in s unless `units` say otherwise.
         groups : array-like of shape (n_samples,), default=None
             The trajectory of each row; one trajectory if None.
         features : sequence of 1 or 2 int or str, default=None
@@ -99,6 +101,7 @@ class RolloutDisplay(Display):
         names : sequence of str, default=None
             Names of the columns of `X`.
         units : mapping from names to units, default=None
+            That of the times is named ``"time"``.
         ax : array of 2 matplotlib Axes, default=None
         **kwargs
             Passed to ``ax.plot`` for the identified trajectories.
@@ -134,6 +137,7 @@ class RolloutDisplay(Display):
             simulated=simulated,
             columns=columns,
             labels=[axis_label(names[column], units) for column in columns],
+            time_label=axis_label("time", {"time": "s", **(units or {})}),
         )
         return display.plot(ax=ax, **kwargs)
 
@@ -159,7 +163,7 @@ class RolloutDisplay(Display):
             hidden = "_"
             if len(self.columns) == 2:
                 ax.plot(*measured[0, self.columns], "o", color="black", markersize=5)
-        xlabel = "time (s)" if len(self.columns) == 1 else self.labels[0]
+        xlabel = self.time_label if len(self.columns) == 1 else self.labels[0]
         ax.set(xlabel=xlabel, ylabel=self.labels[-1])
         legend_above(ax, 2)
 
@@ -171,6 +175,6 @@ class RolloutDisplay(Display):
         for t, error in zip(self.times, self.errors, strict=True):
             # the first state is given: its error is zero and has no place on a log axis
             ax.plot(t[1 : len(error)], error[1:], color=PALETTE[1], alpha=0.6, linewidth=1.4)
-        ax.set(xlabel="time (s)", ylabel="error norm")
+        ax.set(xlabel=self.time_label, ylabel="error norm")
         if any((error[1:] > 0).any() for error in self.errors):
             ax.set_yscale("log")

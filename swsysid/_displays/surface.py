@@ -112,8 +112,9 @@ class SwitchingSurfaceDisplay(Display):
             True labels that colour the samples, under the names of the predicted modes that they
             agree with best; the predicted ones if None. ``"fitted"`` are the labels that the fit
             gave its samples, ``estimator.modes_``, for the `X` of the fit.
-        features : pair of int or str, default=(0, 1)
-            The features on the axes.
+        features : pair of int or str, or "auto", default=(0, 1)
+            The features on the axes. ``"auto"`` are the two on which the mode of most samples
+            depends, such as the input of a gate; the first ones where it depends on fewer.
         true_guard : callable, default=None
             ``true_guard(X)`` of shape (n_samples,) or (n_samples, n_surfaces) vanishes on the
             true surfaces; drawn dashed.
@@ -136,9 +137,7 @@ class SwitchingSurfaceDisplay(Display):
         X, names = read(estimator, X, names)
         if X.shape[1] < 2:
             raise ValueError("X has one feature; a plane needs two.")
-        if isinstance(features, str) or not np.iterable(features) or len(list(features)) != 2:
-            raise ValueError(f"features={shown(features)} must name the two columns on the axes.")
-        columns = [resolve_column(feature, names) for feature in features]
+        columns = _columns(estimator, X, features, names)
         if limits is None:
             room = [0.04 * (np.ptp(X[:, column]) or 1.0) for column in columns]
             ends = X[:, columns].min(axis=0) - room, X[:, columns].max(axis=0) + room
@@ -197,15 +196,33 @@ class SwitchingSurfaceDisplay(Display):
             handle.set_alpha(1.0)
 
 
+def _columns(estimator, X, features, names):
+    """The columns on the axes."""
+    if isinstance(features, str) and features == "auto":
+        every = range(X.shape[1])
+        shares = _shares(estimator, X, np.quantile(X, 0.5, axis=0, method="lower"), every)
+        # less than one sample in two hundred is not seen in a picture; of equals the first
+        return sorted(sorted(every, key=lambda column: -round(100 * shares[column]))[:2])
+    if isinstance(features, str) or not np.iterable(features) or len(list(features)) != 2:
+        raise ValueError(
+            f'features={shown(features)} must name the two columns on the axes, or be "auto".'
+        )
+    return [resolve_column(feature, names) for feature in features]
+
+
 def _deciding(estimator, X, middle, others):
     """The columns beside those on the axes that change the mode of a sample if they are held."""
-    found, answer = predicted_modes(estimator, X), []
-    for column in sorted(others):
+    return [column for column, share in _shares(estimator, X, middle, others).items() if share]
+
+
+def _shares(estimator, X, middle, columns):
+    """Of each column, the share of samples whose mode changes if it is held in the middle."""
+    found, shares = predicted_modes(estimator, X), {}
+    for column in sorted(columns):
         held = X.copy()
         held[:, column] = middle[column]
-        if np.any(predicted_modes(estimator, held) != found):
-            answer.append(column)
-    return answer
+        shares[column] = np.mean(predicted_modes(estimator, held) != found)
+    return shares
 
 
 def _fitted_modes(estimator, modes, n_samples):

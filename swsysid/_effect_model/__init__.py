@@ -5,8 +5,8 @@ together, with the modes, and simulate and print what comes out.
 
 *In*: whatever a user declares, and `Records`. *Out*: a `JointFit`.
 
-In reading order: `declared` is what effects ask of a model, `models` what may be declared,
-`automata` a hybrid automaton in that role; `joint_fit` is the fit, `velocities` mends those that a
-filter made, `decoding` finds the modes of recordings; `equations` prints the fit and turns it into
-an automaton, `refinable` gives its numbers to the refinement, `simulation` rolls it out.
+In reading order: `declared` is what effects ask of a model, `models` what may be declared, a hybrid
+automaton among it; `joint_fit` is the fit, `velocities` mends those that a filter made, `decoding`
+finds the modes of recordings; `equations` prints the fit and turns it into an automaton or
+formulas, `refinable` gives its numbers to the refinement, `simulation` rolls it out.
 """

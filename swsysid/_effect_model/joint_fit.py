@@ -22,6 +22,7 @@ from swsysid._effect_model.velocities import (
     on_time,
     sharpened_velocities,
 )
+from swsysid._journal import step
 from swsysid._noise import robust_regression
 from swsysid._results import Array, GuardWarning
 from swsysid.effects import GuardEffect, PlacedEffect, StructureEffect
@@ -192,16 +193,11 @@ class JointFit:
         return np.asarray(targets - fields[self.modes, np.arange(len(rows))])
 
 
+@step
 def fit_jointly(
-    declared: Declared,
-    terms: Sequence[PlacedEffect],
-    records: Records,
-    rows: NDArray[np.intp],
-    targets: Array,
-    modes: Modes | None = None,
-    rounds: int = 4,
-    like: Modes | None = None,
-) -> JointFit:
+    declared: Declared, terms: Sequence[PlacedEffect], records: Records, rows: NDArray[np.intp],
+    targets: Array, modes: Modes | None = None, rounds: int = 4, like: Modes | None = None,
+) -> JointFit:  # fmt: skip
     """Alternate between the effects' coefficients, for known modes, and the declared model.
 
     An effect in the place of a feature (a lag of the input instead of the input) has one gain in

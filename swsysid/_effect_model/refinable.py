@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 from swsysid._effect_model.declared import SwitchingLaws
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_model.models import laws_of
-from swsysid._effect_model.simulation import n_signals
 from swsysid._pipelines import steps_before
 from swsysid._results import Array
 from swsysid._simulation.inputs import trajectory_records
 from swsysid._surfaces.surface import is_linear
 from swsysid.effects import PlacedEffect, StructureEffect, UnmeasuredDisturbance
+from swsysid.effects._placed import n_signals
 from swsysid.refinement import ParametricLibrary, StatedModel
 from swsysid.refinement._parameters import fitted_and_free
 

@@ -38,8 +38,7 @@ from swsysid._simulation.inputs import (
 from swsysid._simulation.simulate import follow, iterate
 from swsysid._simulation.stepping import step_along
 from swsysid.effects import PlacedEffect, ResetEffect
-from swsysid.effects._base import Place
-from swsysid.effects._placed import corrected
+from swsysid.effects._placed import corrected, n_signals
 
 _NOTED = ("sliding", "leaving", "jump", "transition")  # events that change no mode and matter
 
@@ -216,19 +215,6 @@ def _rollout(fit: JointFit, *request) -> _Rollout:
 # -- what a fit needs ------------------------------------------------------------------------------
 
 
-def _channels(place: Place) -> tuple[int, ...]:
-    """Channels that a place names, none if it is something else."""
-    listed = place if isinstance(place, tuple) else (place,)
-    a_channel = all(isinstance(number, (int, np.integer)) for number in listed)
-    return tuple(map(int, listed)) if a_channel else ()
-
-
-def n_signals(terms: Sequence[PlacedEffect], n_columns: int) -> int:
-    """Number of logged signals that the effects use."""
-    used = [channel for term in terms for channel in _channels(term.place)]
-    return max([0, *(channel + 1 - n_columns for channel in used)])
-
-
 def _acting_terms(
     fit: JointFit, n_states: int, first_tabulated: int
 ) -> tuple[list[ActingTerm], list[tuple[int, float]]]:
@@ -245,7 +231,7 @@ def _acting_terms(
         gains = np.array([own if len(own) else np.zeros(width) for own in each])
         tabulated = memory = None
         if "order" in term.effect.needs:
-            channels = _channels(term.place)
+            channels = term.channels
             if channels and min(channels) >= n_states:
                 tabulated = slice(place, place + width)
                 place = tabulated.stop

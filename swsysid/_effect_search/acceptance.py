@@ -18,6 +18,7 @@ from swsysid._effect_search.evidence import SlowForces, chance_of_gains
 from swsysid._effect_search.scan import is_between_samples, scan
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import is_smeared_mode
+from swsysid._journal import step
 from swsysid._residual_report.noise_floor import noise_floor
 from swsysid._results import Array
 from swsysid._ties import first_largest, least_of
@@ -55,6 +56,7 @@ class Finding:
 # -- one term in the light of all others -----------------------------------------------------------
 
 
+@step
 def finding(context: SearchContext, structure: Structure, place: int, *fewer: Structure) -> Finding:
     """p-value and rivals of one term in the light of all others."""
     # This p-value is the only one by which an effect enters, stays and is reported, and it is

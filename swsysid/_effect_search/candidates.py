@@ -26,7 +26,8 @@ from swsysid.effects import Effect, PlacedEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import corrected
 
-Columns = dict[tuple[int, Place], tuple[Array, Array]]  # values that were scanned, and theirs
+# Values that were scanned and theirs, with the effect, whose identity is the key while it is kept.
+Columns = dict[tuple[int, Place], tuple[Effect, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,9 @@ class CandidateContext:
     def scanned_columns(self, effect: Effect, place: Place, grid: Array) -> Array:
         """As `columns`, and kept: the next scan of the same record asks for them again."""
         key = (id(effect), place)
-        if key not in self.kept or not np.array_equal(self.kept[key][0], grid):
-            self.kept[key] = grid, self.columns(effect, place, grid)
-        return self.kept[key][1]
+        if key not in self.kept or not np.array_equal(self.kept[key][1], grid):
+            self.kept[key] = effect, grid, self.columns(effect, place, grid)
+        return self.kept[key][2]
 
     # -- what the data say beside the laws -------------------------------------------------------
 

@@ -30,6 +30,7 @@ from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
 from swsysid._effect_search.scan import proposals
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
+from swsysid._journal import offer, step
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
 from swsysid.effects import GuardEffect, ResetEffect, StructureEffect
@@ -114,12 +115,14 @@ class Search:
                 if unknowns is not None and len(structure.terms) > 1:
                     structure = unknowns.replaced(structure)
                 rounds.append(replace(step, structure=structure))
+                offer(structure.fit)
         if unknowns is not None:
             structure = unknowns.replaced(structure)
         return structure, rounds
 
     # -- one addition ----------------------------------------------------------------------------
 
+    @step
     def _addition(self, current: Structure) -> Round | None:
         """The effect that explains most of what is left, None if none is significant."""
         base = self.context.candidates(current.fit)
@@ -244,7 +247,7 @@ class Search:
             if not term.effect.terms or not top:
                 break
             candidate = simplest(base, top).candidate
-            if candidate == term:
+            if candidate.signature == term.signature and candidate.theta == term.theta:
                 break
             same = candidate.signature == term.signature
             tried = self.context.exchanged(best, place, candidate)

@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Regression
+from swsysid._journal import step
 from swsysid._noise import STUDENT, exact_below, robust_weights
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
@@ -27,6 +28,7 @@ from swsysid.effects._placed import corrected
 Rows = NDArray[np.intp]
 
 
+@step
 def held_out_cost(fit: JointFit, data: SearchData) -> Array:
     """Negative log likelihood of every row, from regressions that have not seen it."""
     errors = _errors_by_mode(fit, data)

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
@@ -78,11 +79,15 @@ class RecordedOutcome:
 
     @cached_property
     def covariances(self) -> list[Array]:
-        """Of the coefficients and nonlinear parameters of each effect in the final law.
+        """Of the coefficients and nonlinear parameters of each effect in the final law."""
+        return self.covariances_of(self.final, self.every)
+
+    def covariances_of(self, fit: Fit, every: Stretches) -> list[Array]:
+        """The same of a law fitted to some stretches.
 
         What is left is correlated, so that there is less of it than samples.
         """
-        fit, law, every = self.final, self.final.law, self.every
+        law = fit.law
         slopes = [
             PlacedEffect(
                 Slope(term, law.coefficients(place), number, step), term.place, term.target
@@ -109,15 +114,24 @@ class RecordedOutcome:
                 slope += len(term.theta)
                 answers.append(_of_columns(term, own, longer * covariance, every.seen))
             elif isinstance(term.effect, RateEffect):
-                answers.append(longer * self._variance(place))
+                answers.append(longer * self._variance(place, fit, every))
             else:  # of a sensor, beside laws that are known
                 unit = slope_of_sensor(term, every) / fit.noise[term.place]
                 answers.append(np.array([[longer / (unit @ unit)]]))
         return answers
 
-    def _variance(self, place: int) -> Array:
+    def chance_of_none(self, fit: Fit, every: Stretches) -> Array:
+        """Of each effect of a law, the p-value of no coefficient (Wald); 0 of one without any."""
+        p_values = np.zeros(len(fit.law.terms))
+        for place, covariance in enumerate(self.covariances_of(fit, every)):
+            coef = fit.law.coefficients(place)
+            inverse = np.linalg.pinv(covariance[: len(coef), : len(coef)], hermitian=True)
+            if len(coef):
+                p_values[place] = chi2.sf(coef @ inverse @ coef, len(coef))
+        return p_values
+
+    def _variance(self, place: int, fit: Fit, every: Stretches) -> Array:
         """Of the one nonlinear parameter of an effect, all else fitted, (1, 1)."""
-        fit, every = self.final, self.every
         term = fit.law.terms[place]
         (step,) = _steps(term, every.seen)
         squares, start = [], fit.courses_of(range(len(every)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from numpy.typing import NDArray
 
@@ -22,7 +23,8 @@ def recorded_report(
     """The report of a search; `models` as `EffectReport.of` takes them."""
     measured, split = outcome.measured, outcome.split.of(outcome.measured.rows)
     records, targets = outcome.search.stretches.seen, measured.targets
-    seen, names, effects = measured.records, trajectory_names, outcome.effects
+    seen = replace(measured.records, held=records.held)
+    names, effects = trajectory_names, outcome.effects
     leftovers = [leftover(fit, seen, targets, split, names) for fit in outcome.joint_fits[1:3]]
     models_in_words = ["declared model", *(f"+ {named(one.kind, one.place)}" for one in effects)]
     return EffectReport(

@@ -12,20 +12,27 @@ from dataclasses import replace
 import numpy as np
 
 from swsysid._data.features import linear_features
+from swsysid._data.recordings import Hold, staircases
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.recording import Measured
+from swsysid._journal import offer
 from swsysid._output_error.criterion import Left, fall, go_astray
 from swsysid._output_error.engines import QUANTITIES, RATES
-from swsysid._output_error.law import Law
+from swsysid._output_error.estimate import Fit, cost
+from swsysid._output_error.law import Law, remembers
 from swsysid._output_error.search import Finding, Search, Searched, n_happened
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
+from swsysid._output_error.values import Values
 from swsysid._results import Array
+from swsysid._stays.input_holds import CLEARLY, told_holds
 from swsysid.effects import Effect
 from swsysid.effects._kinematics import positions_along
+
+_SURE = 0.05  # an interval of 95 % that is told excludes zero
 
 
 def is_of_one_law(declared: Declared, measured: Measured) -> bool:
@@ -40,6 +47,7 @@ def searched_recordings(
     measured: Measured,
     split: Split,
     effects: Sequence[Effect],
+    input_hold: object,
     significance: float,
     most: int,
     verbose: bool,
@@ -53,12 +61,68 @@ def searched_recordings(
     else:
         engine, stretches = RATES, Stretches.of(measured.recorded, seen, split.search)
     law, moved = _declared_law(declared, stretches)
-    seen = replace(seen, positions=moved)
-    stretches = engine.stepped(law, replace(stretches, seen=seen))
+    stretches = replace(stretches, seen=replace(seen, positions=moved))
     targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
-    search = Search(engine, stretches, effects, targets, linear, significance, most, verbose)
-    begun = RecordedOutcome(search, measured, split, declared, (), (), ())
+
+    if measured.recorded is not None:
+        stretches = _held(law, stretches, split, input_hold)[0]
+    stepped = engine.stepped(law, stretches)
+    search = Search(engine, stepped, effects, targets, linear, significance, most, verbose)
+    outcome = _searched(RecordedOutcome(search, measured, split, declared, (), (), ()), law)
+    if measured.recorded is None or not outcome.findings:
+        return outcome
+    # beside what was found an input may do otherwise: a line and a lag are late alike
+    other, best = _held(outcome.models[-1].law, stretches, split, input_hold)
+    if other.records.held == stretches.records.held:
+        return outcome
+    search = replace(outcome.search, stretches=engine.stepped(law, other))
+    models = tuple(search.model(engine.fitted(one, search.stretches)) for one in best.ladder)
+    pairs = zip(outcome.findings, best.terms, strict=True)
+    findings = tuple(replace(one, candidate=term) for one, term in pairs)
+    return _sound(outcome, Searched(search, models, findings).went_on(), strict=True)
+
+
+def _held(
+    law: Law, stretches: Stretches, split: Split, input_hold: object
+) -> tuple[Stretches, Law]:
+    """Stretches whose inputs keep their value where that is asked, or with "auto" leaves less.
+
+    With what the law remembers as it is then. Of what steps at an instant between two rows that
+    nobody knows a line has the mean.
+    """
+    records, n_states = stretches.records, stretches.records.n_states
+
+    def holding(channels: frozenset[int]) -> Stretches:
+        recorded, seen = (replace(one, held=channels) for one in (records, stretches.seen))
+        return Stretches.of(recorded, seen, split.search)
+
+    def refined(stretches: Stretches) -> Fit:
+        fit = RATES.fitted(law, stretches)
+        for place, term in enumerate(law.terms):
+            if remembers(term):
+                fit = Values(RATES, stretches).refined(fit, place)
+        return fit
+
+    if input_hold != "auto":
+        holds = told_holds(input_hold, records.n_inputs)
+        told = (n_states + number for number, one in enumerate(holds) if one is Hold.ROW)
+        return holding(frozenset(told)), law
+    assert records.t is not None
+    t, inputs = records.t, records.X[:, n_states:]
+    best, fit = stretches, None
+    for channel in staircases([(t[rows], inputs[rows]) for rows in records.trajectories]):
+        fit = refined(best) if fit is None else fit
+        other = holding(best.records.held ^ {n_states + channel})
+        tried = refined(other)
+        if 2.0 * (cost(tried) - cost(fit)) < np.log1p(-CLEARLY):
+            best, fit = other, tried
+    return best, law if fit is None else fit.law
+
+
+def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
+    """What stretches ask for beside a declared law."""
+    search, significance = begun.search, begun.search.significance
     # where something happens for some time in what was held out, that refutes what it hides
     strict = not any(one.acts_once for one in search.library)
     outcome = _sound(begun, search.run(law), strict)
@@ -85,6 +149,7 @@ def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOu
         outcome = replace(
             outcome, search=done.search, models=models, findings=done.findings, tried=()
         )
+        offer(outcome.joint_fit(models[-1]))
         outcome = _with_instants(outcome)
         listed = [one.candidate for one in outcome.findings]
         outcome = _confirmed(outcome, strict)
@@ -171,6 +236,8 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
             least = SETTINGS.worth_telling if strict and is_last else -np.inf
             is_better = judged.share > (0.0 if strict else -judged.error) and worth >= least
             is_better = is_better and not go_astray(free[0], free[1], significance)
+            # what its own interval does not tell from none stands for what is beside it
+            is_better = is_better and outcome.chance_of_none(last, stretches)[place] < _SURE
             kept[place] = replace(kept[place], p_value=float(p_value))
         elif tried:  # what has been refuted since may have hidden it
             whole = replace(outcome.search, stretches=outcome.every)

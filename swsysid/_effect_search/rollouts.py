@@ -15,6 +15,7 @@ from swsysid._effect_search.settings import REPORT
 from swsysid._free_rollouts.courses import Course, switches_of_samples
 from swsysid._free_rollouts.judge import FreeRollouts, judged
 from swsysid._free_rollouts.sample_noise import SampleNoise
+from swsysid._journal import step
 from swsysid._noise import root_mean_square
 from swsysid._results import Array, Status, Trajectory
 
@@ -192,6 +193,7 @@ def _number(records: Records, rows: NDArray[np.intp]) -> int:
     return 0 if records.groups is None else int(records.groups[rows[0]])
 
 
+@step
 def _rollout(
     model: EffectRegressor, part: Records, t: Array, discrete: bool, start: Array
 ) -> Trajectory:
@@ -202,7 +204,7 @@ def _rollout(
         t,
         part.X[:, part.n_states :] if part.n_inputs else None,
         signals=part.signals if part.signals.shape[1] else None,
-        input_hold="zero" if discrete else "linear",
+        input_hold="zero" if discrete or set(part.inputs) <= part.held else "linear",
         mode=model.joint_fit_.first_mode(part),
         rtol=_ROLLOUT_ACCURACY,
         atol=_ROLLOUT_ACCURACY * float(spread[spread > 0.0].min(initial=1.0)),

@@ -24,6 +24,7 @@ from scipy.optimize import minimize_scalar
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.coloured_noise import rows_in_order
 from swsysid._effect_search.regression import AllEquations, Background, Regression, Solution
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._ties import first_largest, first_least
 from swsysid.effects import (
@@ -147,6 +148,7 @@ def _added(
 # -- refinement ------------------------------------------------------------------------------------
 
 
+@step
 def refined(context: CandidateContext, trial: Trial) -> Trial:
     """The trial with its nonlinear parameters refined in every fold and for all rows."""
     candidate = trial.candidate

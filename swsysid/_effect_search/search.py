@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
+from swsysid._checkpoints import checkpointed
 from swsysid._checks.estimators import check_fitted, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.records import Records
@@ -33,8 +34,8 @@ from swsysid._effect_search.recorded_search import is_of_one_law, searched_recor
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
+from swsysid._journal import handing_over, offer
 from swsysid._results import IdentificationWarning
-from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.exporting import ToOtherTools
 from swsysid.metrics._scorers import explained
 
@@ -75,26 +76,30 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
     effects : "all" or list of Effect, default="all"
         Effects to look for; see `swsysid.effects`.
     cv : int, cross-validation generator or None, default=None
-        Folds inside the search. None or an int makes folds of whole trajectories or of
-        contiguous stretches, 5 by default.
+        Folds inside the search. None, which is 5, or an int: whole trajectories or stretches.
     scoring : callable or None, default=None
         ``scoring(y_true, y_pred) -> float`` of `score`; None is R2.
     max_effects : int, default=5
     significance : float, default=0.01
-        Of an effect found by chance in the whole search of one effect.
+        Of an effect found by chance in the whole search of one.
+    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+        What inputs of recordings with one law do between two rows, as `TrajectoryIdentifier` takes
+        it; of what steps at an instant that is not known a line has the mean.
     n_jobs : int or None, default=None
     random_state : int, RandomState instance or None, default=None
-        Of what is held out, and of the estimator where it has none itself. None is 0: the same
-        data give the same answer.
+        Of what is held out, and of the estimator where it has none itself. None is 0.
     verbose : int, default=0
         1 shows a progress bar.
+    checkpoint : str or path, default=None
+        Folder of your own that keeps finished steps: the same fit goes on from there after it was
+        stopped, to the same answer. `best_so_far` reads the best until now.
 
     Attributes
     ----------
     best_estimator_ : EffectRegressor
         The declared model with the effects found, fitted to all rows.
     automaton_ : HybridAutomaton
-        Laws and transitions of `best_estimator_`, with the hysteresis and the resets found.
+        Laws and transitions of `best_estimator_`, with hysteresis and resets found.
     declared_estimator_ : EffectRegressor
         The declared model without effects, fitted to all rows.
     effects_ : list of FoundEffect
@@ -138,29 +143,22 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
     _declared: Declared  # what is fitted, for the record at hand
 
     def __init__(
-        self,
-        estimator,
-        *,
-        effects="all",
-        cv=None,
-        scoring=None,
-        max_effects=5,
-        significance=0.01,
-        n_jobs=None,
-        random_state=None,
-        verbose=0,
-    ):
+        self, estimator, *, effects="all", cv=None, scoring=None, max_effects=5, significance=0.01,
+        input_hold="auto", n_jobs=None, random_state=None, verbose=0, checkpoint=None,
+    ):  # fmt: skip
         self.estimator = estimator
         self.effects = effects
         self.cv = cv
         self.scoring = scoring
         self.max_effects = max_effects
         self.significance = significance
+        self.input_hold = input_hold
         self.n_jobs = n_jobs
         self.random_state = random_state
         self.verbose = verbose
+        self.checkpoint = checkpoint
 
-    @whole_or_nothing
+    @checkpointed
     def fit(self, X, y=None, *, t=None, groups=None, signals=None, inputs=None):
         """Search.
 
@@ -178,12 +176,11 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         t : array-like of shape (n_samples,), default=None
             Times in s, increasing along each trajectory.
         groups : array-like of shape (n_samples,), default=None
-            Trajectory of each row. Without `t` and `groups` rows are exchangeable and effects
-            with a memory are not looked for.
+            Trajectory of each row. Without both rows are exchangeable and without memory.
         signals : array-like of shape (n_samples, n_signals), default=None
             Logged channels that the declared model does not use.
         inputs : array-like of shape (n_samples, n_inputs), default=None
-            Inputs beside measured states, linear between samples; with `y` columns of X.
+            Inputs beside measured states; with `y` columns of X.
 
         Returns
         -------
@@ -215,9 +212,15 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         seed = 0 if self.random_state is None else self.random_state
         self._seeded, rng = with_seed(self.estimator, seed), random_numbers(seed)
         measured = self._measured(X, y, t, groups, signals, inputs)
+        with handing_over(lambda found: self._handed_over(found, measured)):
+            return self._found(measured, rng)
+
+    def _found(self, measured, rng):
+        """The search in a record that was read."""
         parts = split_records(measured.records, rng, measured.window)
         final = measured.fitted(self._declared)
         self.best_estimator_ = self.declared_estimator_ = self._handed_over(final, measured)
+        offer(final)
         of_one = is_of_one_law(self._declared, measured)
         rolled_out = of_one and measured.recorded is not None
         if measured.is_enough(parts, rolled_out):
@@ -225,7 +228,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
             plain = measured.fitted(self._declared, rows)  # where rolled out it is not what counts
             self._alarms = [] if rolled_out else alarms(self._declared, plain, measured, rows)
             for alarm in self._alarms:
-                warnings.warn(alarm, IdentificationWarning, stacklevel=3)
+                warnings.warn(alarm, IdentificationWarning, stacklevel=4)
             if of_one:
                 final = self._of_one_law(measured, parts, plain)
             else:
@@ -235,9 +238,9 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
             enough = measured.enough(parts, rolled_out)
             told = "samples are too few to hold any out: the declared model is returned unchanged."
             told = f"{len(measured.records)} {told} {enough}"
-            warnings.warn(told, IdentificationWarning, stacklevel=3)
+            warnings.warn(told, IdentificationWarning, stacklevel=4)
             self.effects_, self.report_ = [], EffectReport.nothing_done(measured, enough)
-        warn_of_doubts(final, 3)
+        warn_of_doubts(final, 4)
         return self
 
     def predict(self, X, *, t=None, groups=None, signals=None):
@@ -251,9 +254,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         check_fitted(self, "best_estimator_")
         targets = rows_and_velocities(self, X, y)[1]
         predicted = self.predict(X, t=t, groups=groups, signals=signals)
-        if self.scoring is None:
-            return explained(targets, predicted)
-        return self.scoring(targets, predicted)
+        return (self.scoring or explained)(targets, predicted)
 
     predict_modes = _of_the_best(EffectRegressor.predict_modes)
     simulate = _of_the_best(EffectRegressor.simulate)
@@ -269,8 +270,9 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
 
     def _of_one_law(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
         """Effects that recordings of one law ask for, or rows of a quantity that it gives."""
+        asked = listed_effects(self.effects), self.input_hold
         limits = self.significance, self.max_effects, bool(self.verbose)
-        found = searched_recordings(plain, measured, parts, listed_effects(self.effects), *limits)
+        found = searched_recordings(plain, measured, parts, *asked, *limits)
         declared, *ends, final = found.joint_fits
         self.declared_estimator_ = self._handed_over(declared, measured)
         self.best_estimator_, self.effects_ = self._handed_over(final, measured), found.effects

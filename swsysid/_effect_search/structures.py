@@ -30,6 +30,7 @@ from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.scan import is_unresolved, proposals, refined, scan
 from swsysid._effect_search.settings import SETTINGS, SearchSettings
 from swsysid._effect_search.switches import gain_of_guard
+from swsysid._journal import step
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._ties import largest_first, least_of
@@ -265,7 +266,7 @@ class SearchContext:
         effects = tuple(self.usable)
         known = base.scans.get(tuple(map(id, effects)))
         if known is None:
-            trials = [trial for effect in effects for trial in scan(base, effect)]
+            trials = [trial for effect in effects for trial in _scanned(base, effect)]
             known = Scan(effects, *_best_first(base, trials))
             base.scans[tuple(map(id, effects))] = known
         kinds: set[str] = set()
@@ -319,6 +320,11 @@ class SearchContext:
             for place in (effect.places(records) if effect.terms else ())
             if not effect.parameters(records, place) and leaves_nothing(effect, place)
         )
+
+
+@step
+def _scanned(base: CandidateContext, effect: Effect) -> list[Trial]:
+    return list(scan(base, effect))
 
 
 def _best_first(base: CandidateContext, trials: list[Trial]) -> tuple[list[Trial], Array]:

@@ -29,12 +29,7 @@ from swsysid._noise import root_mean_square
 from swsysid._rendering.printing import text_table
 from swsysid._residual_report.report import ResidualReport
 from swsysid._results import Array
-from swsysid.effects import (
-    FoundEffect,
-    StructureEffect,
-    UnknownFunction,
-    UnmeasuredDisturbance,
-)
+from swsysid.effects import FoundEffect, StructureEffect, UnknownFunction, UnmeasuredDisturbance
 
 _HIDDEN = 0.5  # share of a fall: where gross rows leave less of it, both are told
 _NAMES_IN_TEXT = 12  # lines of a terminal
@@ -280,7 +275,7 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
     if report.n_held_out:
         yield (
             f"Effect search: {report.n_search} rows searched, {report.n_held_out} held out "
-            f"({report.held_out}).{at_rest(report)}"
+            f"({report.held_out}).{at_rest(report)}{_held(report)}"
         )
     yield summary(report, units)
     laws = _laws(report.data) if report.data is not None and report.effects else []
@@ -314,6 +309,14 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
         if entries:
             yield f"{heading}:"
             yield from (f"  {entry}" for entry in first_of(entries, _NAMES_IN_TEXT))
+
+
+def _held(report: EffectContents) -> str:
+    """Which inputs keep their value between rows, in a sentence; "" where all are on lines."""
+    records = report.data and report.data.records
+    names = [records.names[one] for one in sorted(records.held)] if records else []
+    keep = "keeps its value" if len(names) == 1 else "keep their values"
+    return f" {', '.join(names)} {keep} until the next row." if names else ""
 
 
 def _left_over(report: EffectContents) -> Iterator[str]:

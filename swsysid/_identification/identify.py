@@ -31,6 +31,7 @@ from swsysid._identification.settings import Parameters
 from swsysid._identification.setup import Search, Starts, TrainingRows, draw_starts
 from swsysid._identification.terms import SurfaceChoice, choose_monomials, choose_terms
 from swsysid._identification.trust_region import Estimate, Sampled, rows_to_know
+from swsysid._journal import resumable, step
 from swsysid._noise import root_mean_square
 from swsysid._rendering.progress import progress, watched
 from swsysid._results import Array, IterationRecord
@@ -80,6 +81,7 @@ class Identification:
         return 1 < self.n_starts and self.hits <= max(1, few)
 
 
+@step
 def identify(problem: SwitchingProblem, search: Search, random_state) -> Identification:
     """Descend from every start, keep the smallest joint objective, choose monomials and terms."""
     parameters = search.parameters
@@ -131,9 +133,12 @@ def _best_of(
     if some_decide:
         rows = spread_rows(n_rows, settings.deciding)
         few, memberships = problem.some(rows), [start[rows] for start in memberships]
+    steps = [resumable(descent) for _ in memberships]
     runs = Parallel(n_jobs=parameters.n_jobs)(
-        delayed(descent)(few, start)
-        for start in watched(memberships, "starts", bool(parameters.verbose))
+        delayed(one)(few, start)
+        for one, start in zip(
+            steps, watched(memberships, "starts", bool(parameters.verbose)), strict=True
+        )
     )
     best = least_of(runs, lambda run: run.objective)
     hits = sum(
@@ -206,7 +211,7 @@ def answer_of_many(
 ) -> Answer:
     """Pass over larger samples, then over all rows, from the answer of the sample in memory."""
     problem, parameters, sample = found.problem, search.parameters, rows.sample
-    surface = _fitted_surface(problem, found.best.modes)
+    surface = fitted_surface(problem, found.best.modes)
     descent = partial(descend_over_all_rows, max_iter=parameters.max_iter, tol=parameters.tol)
     n_larger = int(problem.settings.larger * sample.n_rows ** (2 / 3))
     larger = sample.rows
@@ -238,7 +243,7 @@ def answer_of_many(
         rows_in_memory = problem.coordinates, modes, problem.weight
         surface = surface.relabelled(rank).refitted(fits, *rows_in_memory)
     else:
-        surface = _fitted_surface(problem, modes)
+        surface = fitted_surface(problem, modes)
     best = replace(
         found.best,
         coef=estimate.coef[order],
@@ -274,7 +279,7 @@ def stages(n_rows: int, n_known: int, problem: SwitchingProblem) -> list[int]:
     return numbers
 
 
-def _fitted_surface(problem: SwitchingProblem, modes: NDArray) -> Classifier:
+def fitted_surface(problem: SwitchingProblem, modes: NDArray) -> Classifier:
     """The classifier fitted to the rows in memory."""
     return fit_weighted(clone(problem.surface), problem.coordinates, modes, problem.weight)
 
@@ -301,6 +306,7 @@ def _first_pass(
     )
 
 
+@step
 def _run(
     blocks: RowBlocks, verbose: bool, given: Pass, before: NDArray[np.int8] | None
 ) -> PassResult:

@@ -168,7 +168,12 @@ def _known_laws(estimator: Parameters, feature_map: FeatureMap, n_states: int) -
     if estimator.coef_bound is not None:
         raise ValueError("known and coef_bound exclude each other; bound coefficients in known.")
     laws = KnownLaws(known, names, tuple(map(str, feature_map.names_out)))
-    laws.region(2 if estimator.n_modes == "auto" else int(estimator.n_modes))  # refused at once
+    region = laws.region(2 if estimator.n_modes == "auto" else int(estimator.n_modes))
+    if region.is_of_one_law:
+        raise ValueError(
+            f"known={shown(str(known))} leaves modes nothing to differ in; ask for n_modes=1, or "
+            "leave something free."
+        )
     return laws
 
 

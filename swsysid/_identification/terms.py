@@ -16,6 +16,7 @@ from sklearn.base import clone
 
 from swsysid._identification.descent import AlternateFrom, Alternation
 from swsysid._identification.problem import Modes, SwitchingProblem, log_densities
+from swsysid._journal import step
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._surfaces.relevance import Relevance, feature_relevance
@@ -33,6 +34,7 @@ from swsysid.relaxations._base import one_hot
 _NEGLIGIBLE = 1e-9
 
 
+@step
 def choose_terms(
     problem: SwitchingProblem, best: Alternation, sparsity: float | str, descent: AlternateFrom
 ) -> tuple[SwitchingProblem, Alternation]:
@@ -168,6 +170,7 @@ class SurfaceCandidate:
     shortfall: float
 
 
+@step
 def choose_monomials(
     problem: SwitchingProblem, best: Alternation, descent: AlternateFrom
 ) -> tuple[SwitchingProblem, Alternation, SurfaceChoice | None]:

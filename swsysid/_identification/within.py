@@ -58,11 +58,13 @@ def estimate_within(
     if start is not None:  # a mode without samples keeps its vector field
         empty = ~(membership[rows.weight > 0.0] > 0.0).any(axis=0)
         coef[empty] = np.where(fixed[empty], coef[empty], start[empty])
-    told = sum(share[:, None] * (rows.features @ law.T) for share, law in zip(
-        membership.T, coef, strict=True
-    ))  # fmt: skip
-    blocks = _blocks(Rows(rows.features, rows.targets - told, rows.weight), membership, free)
-    coef[free] += least_within(loss, blocks, region.steps(coef, free))
+    targets = rows.targets.copy()
+    for state, of_state in enumerate(coef.swapaxes(0, 1)):  # what is fixed
+        if of_state.any():
+            targets[:, state] -= (membership * (rows.features @ of_state.T)).sum(axis=1)
+    blocks = _blocks(Rows(rows.features, targets, rows.weight), membership, free)
+    near = None if start is None else start[free] - coef[free]
+    coef[free] += least_within(loss, blocks, region.steps(coef, free), near)
     return coef.clip(*region.box)
 
 
@@ -74,9 +76,12 @@ def _blocks(given: Rows, membership: Array, free: NDArray[np.bool_]) -> list[Blo
     for modes in [[mode] for mode in every] if hard else [list(every)]:
         share = membership[:, modes]
         rows = np.flatnonzero((share.max(axis=1) > 1.0 - _HARD) & (given.weight > 0.0))
-        whole = share[rows, :, None] * given.features[rows, None, :]
-        for state, target in enumerate(given.targets[rows].T):
+        whole = given.features[rows]
+        if not hard:
+            whole = (share[rows, :, None] * whole[:, None, :]).reshape(len(rows), -1)
+        for state, target in enumerate(given.targets.T):
             own = free[modes, state]
+            design = whole if own.all() else whole[:, own.ravel()]
             places = place[modes, state][own]
-            blocks.append(Block(whole[:, own], target, given.weight[rows], rows, places))
+            blocks.append(Block(design, target[rows], given.weight[rows], rows, places))
     return blocks

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from swsysid._results import Array
 
 # Chance that anything that is right is questioned, all sentences of a fit together.
 SIGNIFICANCE = 0.01
+_NO_CHANCE = 1e-99
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class KnownCheck:
         The coefficient, or combination of them, with which the data agree least.
     value, error : float
         What the data would rather have there, and its standard error; NaN and infinite where they
-        tell nothing, NaN and zero where the other sentences say the same.
+        tell nothing, NaN and zero where it says nothing of the laws that were found.
     questioned : bool
         True where the data contradict it: right knowledge is questioned in one fit of a hundred.
     """
@@ -49,13 +50,12 @@ class KnownCheck:
         if not np.isfinite(self.error):
             return f"{self.sentence}: the data do not tell (nothing else would fit better)"
         if np.isnan(self.value):
-            return (
-                f"{self.sentence}: follows from the other sentences, and is not asked beside them"
-            )
+            return f"{self.sentence}: says nothing of the laws found, and is not asked"
         told = f"{self.name} = {with_error(self.value, self.error)}"
+        chance = f"p = {self.p_value:.2g}" if self.p_value > _NO_CHANCE else "p < 1e-99"
         if self.questioned:
-            return f"{self.sentence}: the data would rather have {told}, p = {self.p_value:.2g}"
-        return f"{self.sentence}: not contradicted, p = {self.p_value:.2g} (without it {told})"
+            return f"{self.sentence}: the data would rather have {told}, {chance}"
+        return f"{self.sentence}: not contradicted, {chance} (without it {told})"
 
 
 def blamed(known: Sequence[KnownCheck]) -> str:
@@ -85,69 +85,95 @@ class Fit(Protocol):
     def free(self) -> NDArray[np.bool_]:
         """Those that are free but for the region."""
 
+    @property
+    def falls_short(self) -> bool:
+        """True if it leaves more than noise, or has fewer modes than were asked for."""
+
     def released(self, region: Region, /) -> Released:
         """What it becomes in another region, to first order."""
 
-    def log_p_unasked(self, region: Region, number: int, /) -> float:
-        """That of a sentence that says nothing of the modes that were found."""
+    def without(self, left_out: frozenset[int], /) -> Self:
+        """A whole identification without some sentences."""
 
-    def without_one(self, region: Region, doubted: Sequence[int], /) -> tuple[int, Fit]:
-        """The sentence to be given up, of some of which the first is doubted most, and the fit."""
+    def log_p_beside(self, other: Self, /) -> float:
+        """That nothing but chance makes another one likelier, which more is left free of."""
+
+    def likeliest(self, others: Mapping[int, Self], /) -> int:
+        """The number of the one that is likeliest for what it leaves free."""
 
 
-def checks(fit: Fit, region: Region) -> tuple[KnownCheck, ...]:
+F = TypeVar("F", bound=Fit)
+
+
+def checks(fit: F, region: Region) -> tuple[KnownCheck, ...]:
     """One for each sentence, by an F-test of what the fit gains without it.
 
-    What is wrong makes its neighbours look wrong: one sentence that the data contradict is given
-    up, and the fit made without it, before the others are asked.
+    What is wrong makes its neighbours look wrong, and may distort the modes so that no small step
+    from there is a gain. Where anything is in doubt, or more than noise is left, the sentences are
+    asked beside an identification without all of them, too. One is given up, and the fit made
+    without it, until no other is in doubt; of that fit it is asked what those that were given up
+    would cost.
     """
-    found: dict[int, KnownCheck] = {}
-    every = range(len(region.sentences))
+    every = frozenset(range(len(region.sentences)))
     most = float(np.log(SIGNIFICANCE / len(every)))
-    while len(found) < len(every):
-        gain = fit.released(region).gain
-        asked = {k: _Asked(fit, region, k, gain) for k in every if k not in found}
-        doubted = [k for k in asked if asked[k].log_p < most]
-        if not doubted:
-            return tuple(found[k] if k in found else asked[k].told() for k in every)
-        worst, fit = fit.without_one(region, sorted(doubted, key=lambda k: asked[k].log_p))
-        found[worst] = asked[worst].told(fit)
-        region = region.without(worst).of_modes(len(fit.coef))
-    return tuple(found[k] for k in every)
+    given_up: set[int] = set()
+    while doubted := _doubted(fit, region, every - given_up, most):
+        tried = {k: fit.without(region.without(k, *beside).left_out) for k, beside in doubted}
+        given_up.add(fit.likeliest(tried))
+        region = region.without(*given_up)
+        fit = fit.without(region.left_out)
+        region = region.of_modes(len(fit.coef))
+    asked = (_Asked(fit, region.whole.without(*given_up - {k}), k) for k in sorted(every))
+    return tuple(one.told(most if one.number in given_up else -np.inf) for one in asked)
+
+
+def _doubted(
+    fit: F, region: Region, left: frozenset[int], most: float
+) -> list[tuple[int, tuple[int, ...]]]:
+    """Sentences that data contradict, each with others that say the same in part."""
+    asked = {k: _Asked(fit, region, k) for k in left}
+    doubted = {k for k in left if asked[k].log_p < most}
+    if left and (doubted or fit.falls_short):
+        free = fit.without(frozenset(range(len(region.sentences))))
+        if fit.log_p_beside(free) < most:
+            whole = region.of_modes(len(free.coef))
+            alone = {k: _Asked(free, whole.without(*left - {k}), k) for k in left}
+            doubted |= {k for k in left if alone[k].log_p < most}
+    return [(k, asked[k].beside) for k in sorted(doubted)]
 
 
 class _Asked:
-    """What is gained without one sentence."""
+    """What is gained without one sentence, those that say the same in part released with it."""
 
-    def __init__(self, fit: Fit, region: Region, number: int, gain: float):
-        self.fit, self.region, self.number = fit, region, number
-        own, less = region.owner == number, region.without(number)
+    def __init__(self, fit: Fit, region: Region, number: int):
+        self.fit, self.region, self.number, self.log_p = fit, region, number, 0.0
+        self.beside = region.beside(number, fit.coef, fit.free)
+        held = region.without(*self.beside)
+        own, self.less = region.owner == number, held.without(number)
         if not own.any():
-            self.log_p = fit.log_p_unasked(region, number)
             return
-        released = fit.released(less)
-        ranks = [one.steps(fit.coef, fit.free).rank for one in (region, less)]
+        both = [fit.released(one) for one in (held, self.less)]
+        ranks = [one.steps(fit.coef, fit.free).rank for one in (held, self.less)]
         n_free = max(1, ranks[0] - ranks[1])
-        statistic = 2.0 * max(0.0, released.gain - gain) / (n_free * released.unit)
-        self.log_p = float(fisher.logsf(statistic, n_free, released.n_values))
+        statistic = 2.0 * max(0.0, both[1].gain - both[0].gain) / (n_free * both[1].unit)
+        self.log_p = float(fisher.logsf(statistic, n_free, both[1].n_values))
         if not region.equal[own].all():
             # missed to one side only; where it is not reached there is nothing to gain
             self.log_p = self.log_p - np.log(2.0) if statistic > 0.0 else 0.0
 
-    def told(self, without: Fit | None = None) -> KnownCheck:
-        """The answer, with the row that agrees least, by the fit `without` it if it was made."""
-        fit, sentence = without or self.fit, str(self.region.sentences[self.number])
-        region = self.region.of_modes(len(fit.coef))
+    def told(self, most: float) -> KnownCheck:
+        """The answer, with the row that agrees least; questioned where log p is below `most`."""
+        fit, region, sentence = self.fit, self.region, str(self.region.sentences[self.number])
         own = np.flatnonzero(region.owner == self.number)
-        released, rows = fit.released(region.without(self.number)), region.matrix[own]
+        released, rows = fit.released(self.less), region.matrix[own]
         forms, covariance = rows[:, fit.free], released.covariance()
         untold = np.isinf(np.diag(covariance))
         known = np.where(untold[:, None] | untold, 0.0, covariance)
         variances = np.einsum("rk,kl,rl->r", forms, known, forms) * released.unit
         told = ~(forms[:, untold] != 0.0).any(axis=1) & (variances > 0.0)
         if not told.any():
-            follows = not (forms[:, untold] != 0.0).any()
-            return KnownCheck(sentence, 1.0, "", np.nan, 0.0 if follows else np.inf, False)
+            settled = not (forms[:, untold] != 0.0).any()
+            return KnownCheck(sentence, 1.0, "", np.nan, 0.0 if settled else np.inf, False)
         errors = np.sqrt(np.where(told, variances, np.inf))
         values = np.einsum("rmsf,msf->r", rows, fit.coef + released.change)
         off = np.abs(values - values.clip(region.lower[own], region.upper[own]))
@@ -160,7 +186,7 @@ class _Asked:
             _described(row / scale, region.names),
             float(values[worst] / scale),
             float(errors[worst] / abs(scale)),
-            without is not None,
+            self.log_p < most,
         )
 
 

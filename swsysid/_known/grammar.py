@@ -90,7 +90,7 @@ def _relation(sentence: str, text: str) -> Sentence:
         parts = list(_parts(middle, text))
         return _bounded(parts, _number(low, text), _number(high, text), text)
     if len(kinds) != 1:
-        raise _refused(text, "it has more than one relation")
+        raise _refused(text, "it has more than one relation; write a sentence for each")
     left, right = (tuple(_parts(side, text)) for side in sides)
     parts = [*left, *(one.times(-1.0) for one in right)]
     if kinds[0] != "=" or all(one.term for one in parts):
@@ -116,9 +116,11 @@ def _bounded(parts: list[Part], lower: float, upper: float, text: str) -> Relati
 
 def _number(side: str, text: str) -> float:
     try:
-        return float(side)
+        if np.isfinite(value := float(side)):
+            return value
     except ValueError:
-        raise _refused(text, f"{side.strip()!r} is no number") from None
+        pass
+    raise _refused(text, f"{side.strip()!r} is no finite number")
 
 
 def _parts(side: str, text: str) -> Iterator[Part]:
@@ -132,6 +134,8 @@ def _parts(side: str, text: str) -> Iterator[Part]:
         sign, rest = -1.0 if part[0] == "-" else 1.0, part[part[0] in "+-" :].strip()
         found = _NUMBER.match(rest)
         weight = sign * (float(found[0]) if found else 1.0)
+        if not np.isfinite(weight):
+            raise _refused(text, f"{found and found[0]} is no finite number")
         rest = rest[found.end() :].lstrip(" *") if found else rest
         if not rest and found is None:
             raise _refused(text, "a sign stands alone")

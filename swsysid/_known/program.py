@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
-from scipy.optimize import nnls
+from scipy.optimize import linprog, nnls
 
 from swsysid._results import Array
 
 # Of the largest singular value of equalities in units of S, the least that counts; and, in the
 # same units, within which a bound is reached.
 _RANK, _REACHED = 1e-9, 1e-6
+_OPTIMAL = 0  # as HiGHS says it through SciPy
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,13 @@ class Steps:
         basis[left, np.arange(len(left))] = 1.0
         basis[np.ix_(used, np.arange(len(left), basis.shape[1]))] = rows[rank:].T
         return basis
+
+    def passes(self, row: Array, room: float) -> bool:
+        """True if some step has row' z > room, by more than rounding."""
+        answer = linprog(
+            -row, self.most, self.room, self.equal, self.gap, bounds=(None, None), method="highs"
+        )
+        return answer.status != _OPTIMAL or -answer.fun > room + _REACHED * np.abs(row).sum()
 
     def least(self, matrix: Array, right: Array) -> Array:
         """The z of least z' S z / 2 - r' z with S the `matrix`, r the `right`.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +71,40 @@ class Region:
         """The same of coefficients that times `change` (n_terms, n_terms) are these."""
         return replace(self, change=change @ self.change)
 
-    def without(self, sentence: int) -> Region:
-        """The same with one sentence less."""
-        other = self._of_rows(self.owner != sentence)
-        return replace(other, left_out=self.left_out | {sentence})
+    def without(self, *sentences: int) -> Region:
+        """The same with some sentences less."""
+        other = self._of_rows(~np.isin(self.owner, sentences))
+        return replace(other, left_out=self.left_out.union(sentences))
+
+    def beside(self, sentence: int, coef: Array, free: NDArray[np.bool_]) -> tuple[int, ...]:
+        """Other sentences that say the same in part, as few as can be.
+
+        Without them all that one says of the free coefficients is said by itself alone.
+        """
+        others = set(range(len(self.sentences))) - self.left_out - {sentence}
+        if self._says_alone(sentence, others, coef, free):
+            return ()
+        beside = sorted(others)
+        for one in sorted(others):
+            fewer = [other for other in beside if other != one]
+            if self._says_alone(sentence, others.difference(fewer), coef, free):
+                beside = fewer
+        return tuple(beside)
+
+    def _says_alone(
+        self, sentence: int, others: set[int], coef: Array, free: NDArray[np.bool_]
+    ) -> bool:
+        """True if others tell no sum of what it tells, and let its bounds be passed."""
+        own, rest, both = (
+            self._of_rows(np.isin(self.owner, list(some))).steps(coef, free)
+            for some in ({sentence}, others, others | {sentence})
+        )
+        if both.rank < own.rank + rest.rank:
+            return False
+        reached = own.room <= _MET * np.maximum(1.0, np.abs(own.most).sum(axis=1))
+        return all(
+            rest.passes(*one) for one in zip(own.most[reached], own.room[reached], strict=True)
+        )
 
     def _of_rows(self, some: NDArray[np.bool_]) -> Region:
         return replace(
@@ -154,6 +185,15 @@ class Region:
             low[place], high[place] = max(low[place], ends[0]), min(high[place], ends[1])
         return low, high
 
+    @property
+    def is_of_one_law(self) -> bool:
+        """True if all modes, of which there are several, have the same coefficients."""
+        every = np.ones(self.names.shape, dtype=bool)
+        basis = self.steps(np.zeros(every.shape), every).basis.T.reshape(-1, *every.shape)
+        _, values = self.fixed
+        alike = np.abs(basis - basis[:, :1]).max(initial=0.0) < _MET
+        return len(every) > 1 and bool(alike) and bool((values == values[0]).all())
+
     def steps(self, coef: Array, free: NDArray[np.bool_]) -> Steps:
         """What steps of free coefficients, in the order of their places, may be."""
         rows, now = self.matrix[:, free], np.einsum("rmsf,msf->r", self.matrix, coef)
@@ -162,15 +202,18 @@ class Region:
     def check(self, coef: Array, free: NDArray[np.bool_]) -> None:
         """ValueError where no values of the free coefficients meet it beside the others.
 
-        It names sentences that contradict each other of which no fewer do.
+        It names the fewest sentences that contradict each other.
         """
-        kept = list(range(len(self.sentences)))
-        if self._is_met(kept, coef, free):
+        every = range(len(self.sentences))
+        if self._is_met(every, coef, free):
             return
-        for one in range(len(self.sentences)):
+        kept = list(every)
+        for one in every:  # as few as can be, which are not the fewest of all
             fewer = [other for other in kept if other != one]
             if not self._is_met(fewer, coef, free):
                 kept = fewer
+        smaller = (some for size in range(1, len(kept)) for some in combinations(every, size))
+        kept = next((list(some) for some in smaller if not self._is_met(some, coef, free)), kept)
         said = " and ".join(f'"{self.sentences[one]}"' for one in kept)
         if not free.all():
             raise ValueError(f"known={said} contradicts order=2, by which positions have speeds.")

@@ -25,8 +25,8 @@ effects in the order in which they were found, the errors of free rollouts befor
 fitted model.
 
 In reading order: `stretches` are the parts of recordings that are compared with a law, `law` the
-declared law with effects in it, `estimate` its coefficients, `scan` the score test over
-`candidates`, `breaks` what a law does where an effect jumps, `regression` the same of a quantity,
-`engines` what a search asks of either, `values` the nonlinear parameters of effects, `criterion`
+declared law with effects in it, `estimate` its coefficients, `scan` the score test over candidates,
+`breaks` what a law does where an effect jumps, `engines` what a search asks of either, and the
+regression of a quantity, `values` the nonlinear parameters of effects, `criterion`
 the comparison of two models, `search` the rounds. `settings` has the numbers.
 """

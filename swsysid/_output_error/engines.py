@@ -1,21 +1,165 @@
-"""What a search asks of whoever estimates laws: of rates, or of a quantity."""
+"""What a search asks of whoever estimates laws: of rates, or of a quantity that is no rate.
+
+Laws of a quantity are estimated by weighted regression on rows. Nothing is rolled out: what
+remembers is computed along whole recordings, and the rest is linear. So the score of a candidate is
+what it explains of the residual beside the law's own columns.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from swsysid._output_error import estimate, regression, scan
+from swsysid._journal import step
+from swsysid._output_error import estimate, scan
 from swsysid._output_error.criterion import Left, price
-from swsysid._output_error.estimate import Fit, cost
+from swsysid._output_error.estimate import Courses, Fit, Places, cost
 from swsysid._output_error.law import Law
-from swsysid._output_error.scan import Score
+from swsysid._output_error.scan import Score, explained
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid.effects import UnknownFunction
+from swsysid.effects import PlacedEffect, UnknownFunction
+
+
+@dataclass(frozen=True)
+class Regressed(Fit):
+    """A law with coefficients of least squares on the rows of some stretches."""
+
+    rows: Weighted
+
+    @property
+    def noise(self) -> Array:
+        """What misfits are measured in."""
+        return self.errors
+
+    @property
+    def misfits(self) -> Array:
+        """Measured less predicted values, (n_samples, 1)."""
+        return self.left
+
+    def courses_of(self, numbers: Sequence[int]) -> Courses | None:
+        """None: a row has no course."""
+        return None
+
+    def covariance(self, wider: Law, stretches: Stretches) -> tuple[Array, Places, Places]:
+        rows = Weighted.of(wider, stretches)
+        own, column = rows.own / self.noise, np.flatnonzero(rows.free)
+        covariance = np.linalg.pinv(own.T @ own, rcond=1e-12, hermitian=True)
+        return np.asarray(covariance), np.zeros_like(column), column
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Rows of a law, each by what it counts; those that are gross count nothing."""
+
+    weights: Array  # (n_rows,)
+    columns: Array  # (n_rows, n_columns)
+    measured: Array  # (n_rows,)
+    free: NDArray[np.bool_]  # columns of which the rows say anything
+
+    @classmethod
+    def of(cls, law: Law, stretches: Stretches) -> Weighted:
+        """The rows of all stretches."""
+        seen, rows = stretches.seen, stretches.rows
+        columns = np.nan_to_num(law.columns(seen)[rows])
+        measured = stretches.measured[rows, 0]
+        weights = np.where(np.isfinite(measured), 1.0 / stretches.sizes[rows], 0.0)
+        free = law.free[0] & columns.any(axis=0)
+        return cls(weights, weights[:, None] * columns, weights * np.nan_to_num(measured), free)
+
+    @property
+    def own(self) -> Array:
+        """Columns whose coefficients are sought."""
+        return self.columns[:, self.free]
+
+    def left(self, coef: Array) -> Array:
+        """What coefficients of all columns leave, NaN where a value is gross, (n_rows, 1)."""
+        left = np.where(self.weights > 0.0, self.measured - self.columns @ coef, np.nan)
+        return left[:, None]
+
+
+@step
+def fitted(
+    law: Law,
+    stretches: Stretches,
+    start: Courses | None = None,
+    noise: Array | None = None,
+    turns: int = SETTINGS.noise_turns,
+) -> Regressed:
+    """Coefficients of least squares; no start is needed, and no size of the noise."""
+    rows, coef = Weighted.of(law, stretches), law.coef.copy()
+    free, own = rows.free, rows.own
+    nothing = np.zeros((0, law.declared.shape[1]))
+    prior = block_diag(nothing, *(term.effect.prior for term in law.terms))[:, free]
+    unit = np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny)
+    rest = rows.measured - rows.columns[:, ~free] @ coef[0, ~free]
+    design, values = np.vstack([own, prior]), np.append(rest, np.zeros(len(prior)))
+    coef[0, free] = np.linalg.lstsq(design / unit, values, rcond=None)[0] / unit
+    return Regressed(replace(law, coef=coef), rows.left(coef[0]), rows)
+
+
+@step
+def left_over(fit: Fit, stretches: Stretches, start: Courses | None = None) -> Left:
+    """What a fitted law leaves of other stretches."""
+    return Left(left_of(fit, stretches), stretches.series)
+
+
+@step
+def left_of(fit: Fit, stretches: Stretches) -> Array:
+    """What a fitted law leaves of the values of other stretches, (n_samples, 1)."""
+    return Weighted.of(fit.law, stretches).left(fit.law.coef[0])
+
+
+@dataclass(frozen=True)
+class RowScore:
+    """The residual of a law, and all that its own coefficients can say."""
+
+    weights: Array  # (n_rows,), in units of the noise
+    spanned: Array  # (n_rows, rank): orthonormal columns
+    left: Array  # (n_rows,)
+
+    @classmethod
+    def of(cls, fit: Regressed) -> RowScore:
+        """Of a fitted law."""
+        own = fit.rows.own / np.maximum(np.linalg.norm(fit.rows.own, axis=0), np.finfo(float).tiny)
+        basis, sizes, _ = np.linalg.svd(own, full_matrices=False)
+        spanned = basis[:, sizes > SETTINGS.spanned * sizes.max(initial=0.0)]
+        return cls(fit.rows.weights / fit.noise, spanned, np.nan_to_num(fit.left[:, 0]) / fit.noise)
+
+    @property
+    def squares(self) -> float:
+        """That are left."""
+        return float(self.left @ self.left)
+
+    def missed(self, stretches: Stretches) -> Array:
+        """What the law lacks at every sample, zero at others than those of the stretches."""
+        missed = np.zeros((len(stretches.seen), 1))
+        missed[stretches.rows, 0] = self.left
+        return missed
+
+    def response(self, columns: Array) -> Array:
+        """Columns of unit coefficient in units of the noise."""
+        return np.asarray(self.weights[:, None] * columns)
+
+    def gains(self, trials: Sequence[PlacedEffect], responses: Sequence[Array]) -> Array:
+        """Squares that each trial explains, in units of the noise."""
+        gains = np.zeros(len(trials))
+        for number, columns in enumerate(responses):
+            beside = columns - self.spanned @ (self.spanned.T @ columns)
+            alone = np.sum(np.square(columns), axis=0)
+            gains[number] = explained(beside.T @ beside, beside.T @ self.left, alone)
+        return gains
+
+
+@step
+def scores(fit: Regressed, ties: Sequence[float] = SETTINGS.ties) -> list[RowScore]:
+    """The one score that there is, whatever the ties: rows follow nothing."""
+    return [RowScore.of(fit)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +212,10 @@ RATES = Engine(
     SETTINGS.disturbances,
 )
 QUANTITIES = Engine(
-    regression.fitted,
-    regression.left_over,
-    regression.left_of,
-    regression.scores,
+    fitted,
+    left_over,
+    left_of,
+    scores,
     lambda _, own: own,
     SETTINGS.disturbances[:1],  # nothing is rolled out
 )

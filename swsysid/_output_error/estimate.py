@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._journal import step
 from swsysid._output_error.criterion import Left
 from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
@@ -115,6 +116,7 @@ class Fitted(Fit):
         return equations.covariance().of_laws, state, column
 
 
+@step
 def fitted(
     law: Law,
     stretches: Stretches,
@@ -156,11 +158,13 @@ def stepped(law: Law, stretches: Stretches) -> Stretches:
     return stretches.stepped(first.reached.estimate.laws, first.noise)
 
 
+@step
 def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -> Left:
     """What a fitted law leaves of other stretches, from the best starts."""
     return Left(_left(_fixed(fit, stretches, start)), stretches.series)
 
 
+@step
 def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
     """Measured states less free rollouts of a fitted law, from the best starts."""
     estimate = _fixed(fit, stretches, None).estimate
@@ -183,7 +187,7 @@ def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
 def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
     stretches = stretches.corrected(law.terms)
     further = law.further(stretches.seen)
-    nodes = stretches.nodes(further)
+    nodes = stretches.nodes(further, law.keeps_steps(stretches.seen))
     recordings = nodes.recordings
     spread = stretches.records.X[:, : law.n_states].std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)

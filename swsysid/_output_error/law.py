@@ -137,6 +137,15 @@ class Law:
             columns.append(term.effect.columns(unit, term.place, *term.theta))
         return np.hstack(columns)
 
+    def keeps_steps(self, seen: Records) -> NDArray[np.bool_]:
+        """Which of these columns keep their value from row to row, (n_further,)."""
+        kept = [
+            term.effect.keeps_steps and term.place in seen.held
+            for term in filter(remembers, self.terms)
+            for _ in term.effect.terms
+        ]
+        return np.array(kept, dtype=bool)
+
     def told(self, further: Array, seen: Records, rows: Rows) -> NDArray[np.bool_]:
         """Coefficients of which some rows of records say anything, of the shape of `coef`.
 

@@ -1,4 +1,4 @@
-r"""The score test: what each candidate would explain, by one step of Gauss and Newton.
+r"""The score test of effects at every place: what each explains by one step of Gauss and Newton.
 
 Candidates stand in the law with the coefficient zero. With states and starts eliminated, S is the
 information on the law's own coefficients (first block) and on those of the candidates (second), g
@@ -11,14 +11,15 @@ the negative gradient there. The squares that a candidate explains beside the la
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from swsysid._data.records import Records
-from swsysid._output_error.candidates import Candidate
+from swsysid._journal import step
 from swsysid._output_error.estimate import Fitted, of_samples
 from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
@@ -31,7 +32,77 @@ from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Rows
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
-from swsysid.effects import Effect, MeasurementEffect, PlacedEffect, RateEffect
+from swsysid.effects import (
+    Effect,
+    MeasurementEffect,
+    PlacedEffect,
+    Quantisation,
+    RateEffect,
+    UnknownFunction,
+)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place in an equation, and the values at which it is scanned."""
+
+    placed: PlacedEffect  # without values
+    grid: Array  # (n_values, n_theta)
+
+    def trials(self, seen: Records, missed: Array) -> list[PlacedEffect]:
+        """The effect at every value that may explain what velocities (n_samples, n_states) miss."""
+        effect, own = self.placed.effect, missed[:, [self.placed.target]]
+        values = effect.shortlist(seen, self.placed.place, self.grid, own).tolist()
+        return [replace(self.placed, theta=tuple(one)) for one in values]
+
+
+def is_sought(effect: Effect) -> bool:
+    """True of what can be told in recordings of one law: what changes it, and what sensors do."""
+    # a function without a name has columns once its channel is known
+    changes = _changes_the_law(effect) or isinstance(effect, UnknownFunction)
+    return changes or is_of_a_sensor(effect)
+
+
+def _changes_the_law(effect: Effect) -> bool:
+    return bool(effect.terms) or isinstance(effect, RateEffect)
+
+
+def is_of_a_sensor(effect: Effect) -> bool:
+    """True of what changes the record by a number that a fit can find."""
+    return isinstance(effect, MeasurementEffect) and not isinstance(effect, Quantisation)
+
+
+def candidates(
+    effects: Sequence[Effect], records: Records, targets: Sequence[int]
+) -> Iterator[Candidate]:
+    """All of them, the simplest explanation first."""
+    for effect in (one for each in effects for one in (each, *each.elsewhere(records))):
+        if not _changes_the_law(effect) or effect.missing(records) is not None:
+            continue
+        for place in effect.places(records):
+            grid = effect.grid(records, place)
+            if not len(grid):
+                continue
+            for target in targets:
+                if effect.acts_in(records, place, target):
+                    yield Candidate(PlacedEffect(effect, place, target), grid)
+
+
+def variants(
+    placed: PlacedEffect, law: Law, linear: dict[int, int], records: Records
+) -> list[PlacedEffect]:
+    """The effect beside the channel's own term, in its place, or both, as its role says."""
+    place = placed.place
+    feature = linear.get(int(place)) if isinstance(place, (int, np.integer)) else None
+    has = feature is not None and bool(law.declared[placed.target, feature])
+    taken = {(term.target, term.replaced) for term in law.terms}
+    beside, in_its_place = placed.effect.stands(records, place, has)
+    listed = []
+    if in_its_place and (placed.target, feature) not in taken:
+        listed.append(replace(placed, replaced=feature))
+    if beside:
+        listed.append(placed)
+    return listed
 
 
 class Score(Protocol):
@@ -51,6 +122,7 @@ class Score(Protocol):
         """Squares that each trial explains, in units of the noise, by the response to each."""
 
 
+@step
 def shortlist(
     law: Law, scores: Sequence[Score], stretches: Stretches, listed: Sequence[Candidate]
 ) -> list[PlacedEffect]:
@@ -129,6 +201,7 @@ class RolloutScore:
 
     followed: Estimate
     arrow: Arrow
+    band: Array  # lower factor of its band
     right: Array  # of the nodes, and of the coefficients of the law
     by_law: Array  # (n_states, n_own, n_intervals): of the ends of intervals, in units of the noise
     by_state: Array  # (n_states, n_states, n_intervals), likewise
@@ -152,6 +225,7 @@ class RolloutScore:
         return cls(
             followed,
             arrow,
+            cholesky_banded(arrow.band, lower=True, check_finite=False),
             right,
             legs.by_law.swapaxes(0, 1) / unit,
             legs.by_state.swapaxes(0, 1) * fit.noise[None, :, None] / unit,
@@ -186,11 +260,10 @@ class RolloutScore:
 
     def gains(self, trials: Sequence[PlacedEffect], responses: Sequence[Array]) -> Array:
         """Squares that each trial explains, in units of the noise."""
-        band = cholesky_banded(self.arrow.band, lower=True, check_finite=False)
         n_band = len(self.arrow.border)
         b, d = np.split(self.right, [n_band])
         own = cho_solve_banded(
-            (band, True), np.column_stack([self.arrow.border, b]), check_finite=False
+            (self.band, True), np.column_stack([self.arrow.border, b]), check_finite=False
         )
         seen = self.arrow.border.T @ own
         information, gradient = self.arrow.corner - seen[:, :-1], d - seen[:, -1]
@@ -203,7 +276,7 @@ class RolloutScore:
             counts = [move.shape[1] for move in own_moves]
             targets = np.repeat([trials[k].target for k in some], counts)
             border, beside, of_gaps = self._rows(targets, np.hstack(own_moves))
-            reached = cho_solve_banded((band, True), border, check_finite=False)
+            reached = cho_solve_banded((self.band, True), border, check_finite=False)
             across = beside - self.arrow.border.T @ reached
             left = of_gaps - border.T @ own[:, -1] - across.T @ (inverse @ gradient)
             start = 0
@@ -245,9 +318,16 @@ def explained(block: Array, left: Array, alone: Array) -> float:
     return max(0.0, float(left @ np.linalg.pinv(block, rcond=1e-8, hermitian=True) @ left))
 
 
+@step
 def scores(fit: Fitted, ties: Sequence[float] = SETTINGS.ties) -> list[RolloutScore]:
-    """Over some numbers of samples."""
-    return [RolloutScore.of(fit, tie) for tie in ties]
+    """Over some numbers of samples; LinAlgError where no step from the fit says anything."""
+    found = []
+    for tie in ties:
+        with suppress(LinAlgError):  # where states are let go too far nothing holds them
+            found.append(RolloutScore.of(fit, tie))
+    if not found:
+        raise LinAlgError("no tie holds the states")
+    return found
 
 
 def _at_once(moves: Sequence[Array]) -> list[list[int]]:

@@ -4,29 +4,26 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
-from swsysid._output_error.candidates import (
-    Candidate,
-    candidates,
-    is_of_a_sensor,
-    is_sought,
-    variants,
-)
+from swsysid._journal import step
+from swsysid._output_error import scan
 from swsysid._output_error.criterion import Fall, Left, as_good, fall, price
 from swsysid._output_error.engines import Engine, Model, as_likely
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
-from swsysid._output_error.scan import of_sensors, shortlist
+from swsysid._output_error.scan import Candidate, of_sensors, shortlist, variants
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
-from swsysid.effects import Effect, PlacedEffect, RateEffect, UnknownFunction
+from swsysid.effects import Effect, PlacedEffect, UnknownFunction
 from swsysid.effects._shapes import shapes
 
 
@@ -137,6 +134,7 @@ class Search:
         """The same search for a law with another disturbance."""
         return replace(self, stretches=replace(self.stretches, disturbance=disturbance))
 
+    @step
     def started(self, declared: Law) -> Searched:
         """The declared model, and the first effect if there is one."""
         first = self.model(self.engine.fitted(declared, self.stretches))
@@ -155,6 +153,7 @@ class Search:
         unseen = Left(np.vstack(left), self.stretches.some(stretches).series)
         return Model(fit, unseen)
 
+    @step
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
         """The best of the candidates beside a model; None if none is worth it.
 
@@ -164,19 +163,23 @@ class Search:
         listed = self.candidates
         best_of: dict[tuple, Fit] = {}
         refuted = {self._key(one) for one in self.refuted}
-        sensors = [effect for effect in self.effects if is_of_a_sensor(effect)]
+        sensors = [effect for effect in self.effects if scan.is_of_a_sensor(effect)]
         left = self.engine.left_of(now.fit, self.stretches) if sensors else np.zeros((0, 0))
         asked = of_sensors(now.law, left, self.stretches, sensors)
         corrected = self.stretches.corrected(now.law.terms)
-        for placed in (*shortlist(now.law, self.engine.scores(now.fit), corrected, listed), *asked):
+        try:
+            scores = self.engine.scores(now.fit)
+        except LinAlgError:  # no step from here says anything
+            return None
+        for placed in (*shortlist(now.law, scores, corrected, listed), *asked):
             for fit in self._estimated(now, placed):
                 own = fit.law.terms[-1]
                 if self._key(own) in refuted:
                     continue
-                key = (*self._key(own), len(own.theta), len(own.effect.terms))
-                if key not in best_of or cost(fit) < cost(best_of[key]):
-                    best_of[key] = fit
-        models = [self.model(fit) for fit in self._likeliest(list(best_of.values()))]
+                # beside a channel's own term it always fits better: whether surely, is asked later
+                key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))
+                best_of[key] = min(best_of.get(key, fit), fit, key=cost)
+        models = [*self._models(self._likeliest(list(best_of.values())))]
         done = self.gain(first, now).share
         models = [
             one
@@ -205,6 +208,12 @@ class Search:
         }
         return chosen, Finding(own, p_value, tuple(rivals.values()), len(listed))
 
+    def _models(self, fits: Sequence[Fit]) -> Iterator[Model]:
+        """The same fold by fold, of those of which every fold tells all coefficients."""
+        for fit in fits:
+            with suppress(LinAlgError):
+                yield self.model(fit)
+
     def _likeliest(self, fits: list[Fit]) -> list[Fit]:
         """Those of least cost, and the best one of each of the best kinds.
 
@@ -212,9 +221,10 @@ class Search:
         """
         fits = sorted(fits, key=cost)
         listed = fits[: SETTINGS.n_compared]
-        best_of: dict[str, Fit] = {}
+        best_of: dict[tuple[str, int | None], Fit] = {}
         for fit in fits:
-            best_of.setdefault(fit.law.terms[-1].effect.kind, fit)
+            own = fit.law.terms[-1]
+            best_of.setdefault((own.effect.kind, own.replaced), fit)
         others = list(best_of.values())[: SETTINGS.n_compared]
         return listed + [fit for fit in others if all(fit is not one for one in listed)]
 
@@ -230,14 +240,8 @@ class Search:
         ]
         for one in (placed, *simpler):
             for variant in variants(one, now.law, self.linear, seen):
-                law, noise = now.law.beside([variant]), now.fit.noise
-                # from rollouts without a jump those with it are not reached
-                near = self.values.courses(now.fit) if law.breaks == now.law.breaks else None
-                fit = self.engine.fitted(law, self.stretches, near, noise, turns=2)
-                if isinstance(variant.effect, RateEffect):
-                    fit = self.values.followed(fit)
-                fits = self.values.rescanned(fit) if variant.effect.acts_once else (fit,)
-                yield from filter(self._is_plausible, fits)
+                with suppress(LinAlgError):  # one that nothing tells takes no other along
+                    yield from filter(self._is_plausible, self.values.beside(now.fit, variant))
 
     def _chosen(self, models: list[Model], now: Model) -> tuple[Model, list[Model]] | None:
         """The simplest that is as good as any, its nonlinear parameters refined, and its rivals."""
@@ -290,7 +294,10 @@ class Search:
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
-        refined = self.model(self.values.refined(model.fit, len(model.law.terms) - 1))
+        try:
+            refined = self.model(self.values.refined(model.fit, len(model.law.terms) - 1))
+        except LinAlgError:
+            return model
         is_better = self.gain(now, refined).share >= self.gain(now, model).share
         return refined if is_better or not model.law.terms[-1].theta else model
 
@@ -337,7 +344,7 @@ class Search:
     @cached_property
     def effects(self) -> list[Effect]:
         """What is looked for."""
-        return [effect for effect in self.library if is_sought(effect)]
+        return [effect for effect in self.library if scan.is_sought(effect)]
 
     @cached_property
     def candidates(self) -> list[Candidate]:
@@ -346,7 +353,7 @@ class Search:
         named = [effect for effect in self.effects if not isinstance(effect, UnknownFunction)]
         if len(named) < len(self.effects):
             named += [shape for shape in shapes(seen) if len(shape.channels) == 1]
-        return list(candidates(named, seen, self.targets))
+        return list(scan.candidates(named, seen, self.targets))
 
     @property
     def skipped(self) -> dict[str, str]:
@@ -356,7 +363,7 @@ class Search:
             missing = effect.missing(seen)
             if missing is not None:
                 reasons[effect.kind] = missing
-            elif not is_sought(effect):
+            elif not scan.is_sought(effect):
                 reasons[effect.kind] = "is not looked for in recordings of one law"
         return reasons
 

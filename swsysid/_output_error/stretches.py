@@ -66,7 +66,8 @@ class Stretches:
             part for run in runs for part in np.array_split(run, max(1, round(len(run) / usual)))
         ]
         columns = np.hstack([records.X, records.signals, measured])
-        every = _thinning(columns, parts)
+        held = np.isin(np.arange(columns.shape[1]), [*records.held])
+        every = _thinning(columns, parts, held)
         thinned = tuple(part[::every] for part in parts)
         sizes = _sizes(columns, records.trajectories)
         return cls(records, seen, thinned, sizes, gross, quantity)
@@ -95,6 +96,11 @@ class Stretches:
         """What the law gives, NaN where a value is no motion, (n_samples, n_states)."""
         return np.where(self.gross, np.nan, _measured(self.records, self.quantity))
 
+    @property
+    def _held(self) -> NDArray[np.bool_]:
+        """Channels that keep their value from row to row, (n_channels,)."""
+        return np.isin(np.arange(len(self.records.names)), [*self.records.held])
+
     def some(self, numbers: Sequence[int]) -> Stretches:
         """Some of the stretches."""
         chosen = tuple(self.parts[number] for number in numbers)
@@ -109,7 +115,7 @@ class Stretches:
 
     def stepped(self, laws: Laws, noise: Array) -> Stretches:
         """The same in steps as long as a law allows whose rollouts err by less than the noise."""
-        nodes = self.nodes(np.zeros((len(self.records), 0)))
+        nodes = self.nodes(np.zeros((len(self.records), 0)), np.zeros(0, dtype=bool))
         fine = in_exact_steps(nodes.recordings, laws, noise, STAYS)
         return replace(self, first_step=fine.first_step)
 
@@ -132,8 +138,11 @@ class Stretches:
         fold = fold[own]
         return [(every[fold != one].tolist(), every[fold == one].tolist()) for one in range(count)]
 
-    def nodes(self, further: Array) -> Nodes:
-        """Nodes with inputs, signals and further columns (n_samples, n_further) beside them."""
+    def nodes(self, further: Array, keeps_steps: NDArray[np.bool_]) -> Nodes:
+        """Nodes with inputs, signals and further columns (n_samples, n_further) beside them.
+
+        Some of the latter, (n_further,), keep their value from row to row.
+        """
         n_states = self.records.n_states
         beside = np.hstack([self.records.X[:, n_states:], self.records.signals, further])
         t = self.records.t
@@ -142,6 +151,7 @@ class Stretches:
         recordings = Recordings.of(
             [Record(t[part], measured[part], beside[part]) for part in self.parts],
             [states[part] for part in self.parts],
+            held=np.append(self._held[n_states:], keeps_steps),
         )
         sizes = np.ones(recordings.y.shape)
         for k, (part, places) in enumerate(zip(self.parts, recordings.sampled, strict=True)):
@@ -218,31 +228,32 @@ def _sizes(columns: Array, trajectories: Sequence[Rows]) -> Array:
     return sizes
 
 
-def _thinning(columns: Array, parts: Sequence[Rows]) -> int:
+def _thinning(columns: Array, parts: Sequence[Rows], held: NDArray[np.bool_]) -> int:
     """Every how many rows are enough.
 
-    As many as keep all columns straight lines between them, and no more than can be worked.
+    As many as keep all columns straight lines between them, or the value of the first where it is
+    held, and no more than can be worked.
     """
     count = sum(map(len, parts))
     spread = columns[np.concatenate(parts)].std(axis=0)
     every = 1
     while count / every > SETTINGS.most_nodes:
         coarser = every + 1
-        if any(_lost(columns[part], spread, coarser) > SETTINGS.lost for part in parts):
+        if any(_lost(columns[part], spread, coarser, held) > SETTINGS.lost for part in parts):
             break
         every = coarser
     return every
 
 
-def _lost(columns: Array, spread: Array, every: int) -> float:
-    """The largest share of a spread that lines between every so many rows lose, in the mean."""
+def _lost(columns: Array, spread: Array, every: int, held: NDArray[np.bool_]) -> float:
+    """The largest share of a spread that is lost between every so many rows, in the mean."""
     places = np.arange(0, len(columns), every)
     if len(places) < 2:
         return np.inf
     rows = np.arange(places[-1] + 1)
-    lost = [
-        np.sqrt(np.mean(np.square(column[rows] - np.interp(rows, places, column[places])))) / size
-        for column, size in zip(columns.T, spread, strict=True)
-        if size > 0.0
-    ]
+    lost = []
+    for column, size, is_held in zip(columns.T, spread, held, strict=True):
+        kept = column[rows - rows % every] if is_held else np.interp(rows, places, column[places])
+        if size > 0.0:
+            lost.append(np.sqrt(np.mean(np.square(column[rows] - kept))) / size)
     return max(lost, default=0.0)

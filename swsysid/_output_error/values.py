@@ -13,7 +13,7 @@ from swsysid._output_error.estimate import Courses, Fit, cost
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid.effects import PlacedEffect
+from swsysid.effects import PlacedEffect, RateEffect
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,16 @@ class Values:
 
     engine: Engine
     stretches: Stretches
+
+    def beside(self, fit: Fit, more: PlacedEffect) -> Iterator[Fit]:
+        """A law with one effect more, and with one that acts ever more often."""
+        law = fit.law.beside([more])
+        # from rollouts without a jump those with it are not reached
+        near = self.courses(fit) if law.breaks == fit.law.breaks else None
+        found = self.engine.fitted(law, self.stretches, near, fit.noise, turns=2)
+        if isinstance(more.effect, RateEffect):
+            found = self.followed(found)
+        yield from self.rescanned(found) if more.effect.acts_once else (found,)
 
     def followed(self, fit: Fit) -> Fit:
         """The last effect at ever larger values, each from the fit before, while it fits better.

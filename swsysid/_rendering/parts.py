@@ -85,14 +85,14 @@ def plain(value: object) -> object:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def page(title: str, body: Iterable[str]) -> str:
-    """A whole page."""
+def page(title: str, body: Iterable[str], head: str = "") -> str:
+    """A whole page; `head` is what else stands in its head, as HTML."""
     inside = "\n".join(body)
     return (
         "<!DOCTYPE html>\n"
         f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<style>{_STYLE}</style></head>\n"
+        f"<style>{_STYLE}</style>{head}</head>\n"
         f'<body><main class="swsysid">\n<h1>{escape(title)}</h1>\n{inside}\n'
         "</main></body></html>\n"
     )

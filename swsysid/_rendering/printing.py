@@ -306,8 +306,8 @@ def ordinal(number: int) -> str:
     return f"{number}{suffix or 'th'}"
 
 
-def rows_listed(rows: Iterable[int]) -> str:
-    """The first few of some rows of a file.
+def rows_listed(rows: Iterable[int | str]) -> str:
+    """The first few of some rows of a file, or of several.
 
     Examples
     --------

@@ -78,7 +78,7 @@ _MODULE_OF = {
 }  # fmt: skip
 # Which metadata a user asks for, what `load_model` says, and what only a fit needs, are no part of
 # what a model knows.
-_LEFT_OUT = ("_metadata_request", "recording_", "_declared", "_recordings")
+_LEFT_OUT = ("_metadata_request", "recording_", "_declared", "_recordings", "checkpoint")
 # Attributes of records by the names that they had in files of earlier versions.
 _ONCE_CALLED = {("Records", "told"): "decoded_modes"}
 _PACKAGE = __name__.partition(".")[0] + "."

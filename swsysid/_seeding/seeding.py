@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
 from swsysid._data.rows import thinned_rows
+from swsysid._journal import step
 from swsysid._noise import NORMAL, Outliers, weighted_quantile
 from swsysid._results import Array
 from swsysid._seeding.designs import Basis, centre_and_scale, whiten
@@ -112,6 +113,7 @@ class Seed:
         return experts.residuals[0, modes, :, np.arange(len(modes))]
 
 
+@step
 def seed_modes(
     features: Array,
     targets: Array,

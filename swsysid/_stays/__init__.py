@@ -17,7 +17,7 @@ intervals in one pass. *Assign*: `filtering`, `decoding`, `assign`. *Refit the s
 modes; `retold` tells single stays otherwise; `intervals` and `exact` are for recordings without
 noise. `weighted` counts samples by their noise; `condensed` asks many recordings one by
 one what they say of laws and surfaces; `certainty`, `doubts`, `free` and `recording_report` say how
-sure all that is. `rollouts`, `chains` and `sensitivities` are whole
+sure all that is. `rollouts` and `sensitivities` are whole
 rollouts with their derivatives, and `output_error` their least squares, for sensors that read
 functions of states and for parameters with bounds, on which `refine` stands.
 """

@@ -106,6 +106,11 @@ class Factor:
         z = self.corner.solve(d - self.border.T @ x)
         return np.append(x - self.reached @ z, z)
 
+    def held_back(self, right: Array, z: Array) -> Array:
+        """What pulls at the corner z of a solution: zero but where it must be within steps."""
+        b, d = np.split(right, [len(self.border)])
+        return np.asarray(d - self.reached.T @ b - self.corner.matrix @ z)
+
     @property
     def inverse_of_corner(self) -> Array:
         """The corner of the inverse."""
@@ -140,7 +145,7 @@ class Corner:
     """What S says of the unknowns in the corner."""
 
     def __init__(self, matrix: Array):
-        self._factor = cho_factor(matrix, check_finite=False)
+        self.matrix, self._factor = matrix, cho_factor(matrix, check_finite=False)
 
     def over(self, right: Array) -> Array:
         """S^-1 times a vector or a matrix."""
@@ -159,11 +164,11 @@ class CornerWithin(Corner):
 
     def __init__(self, matrix: Array, steps: Steps):
         super().__init__(matrix)
-        self._matrix, self._steps = matrix, steps
+        self._steps = steps
 
     @cached_property
     def _inverse(self) -> Array:
-        return self._steps.inverse(self._matrix)
+        return self._steps.inverse(self.matrix)
 
     def over(self, right: Array) -> Array:
         """What the equalities leave of S^-1, times a vector or a matrix."""
@@ -171,7 +176,7 @@ class CornerWithin(Corner):
 
     def solve(self, right: Array) -> Array:
         """The least z' S z / 2 - right' z of the steps."""
-        return self._steps.least(self._matrix, right)
+        return self._steps.least(self.matrix, right)
 
 
 def covariance_of(information: Array) -> Array:

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
@@ -52,6 +53,7 @@ class Assigned:
         return Estimate(laws, nodes, recordings.in_a_row(recordings.guess))
 
 
+@step
 def assign(
     laws: Laws,
     recordings: Recordings,

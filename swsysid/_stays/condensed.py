@@ -20,8 +20,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._data.many_recordings import ManyRecordings
-from swsysid._data.recordings import Hold
+from swsysid._data.recordings import Hold, ManyRecordings
 from swsysid._results import Array, Trajectory
 from swsysid._stays.arrow import covariance_of
 from swsysid._stays.assign import assign, disturbances, prior_of_guards

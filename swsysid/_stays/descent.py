@@ -8,6 +8,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.equations import Covariance
 from swsysid._stays.lifted import Estimate, Objective
@@ -86,6 +87,7 @@ class Reached:
         return estimate.laws.freedom + n_instants + of_guards + told
 
 
+@step
 def most_likely(
     estimate: Estimate, noise: Array, settings: StaySettings, *, near: bool = False
 ) -> Reached:

@@ -214,6 +214,8 @@ class NodeEquations:
         gained = (self.right * states).sum() + self.right_of_corner @ corner
         gained += self.right_of_instants @ instants
         held = damping * (np.square(states).sum() + self.hold * np.square(instants).sum())
+        if within is not None:  # steps that bounds end, or that must reach a level
+            gained += corner @ factor.held_back(right, corner)
         promised = 0.5 * float(gained + held + factor.more @ np.square(corner))
         laws, others = np.split(corner[: self.n_shared], [self.n_laws])
         step = np.concatenate([laws, (states.T * self.unit).ravel(), instants, others])

@@ -19,6 +19,7 @@ from itertools import combinations_with_replacement, pairwise, permutations, pro
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.decoding import cheapest_path
 from swsysid._stays.intervals import Intervals, flow
@@ -89,6 +90,7 @@ class ExactModes:
         return np.asarray(np.sqrt(along.max(axis=0)))
 
 
+@step
 def exact_modes(laws: Laws, recordings: Recordings, settings: StaySettings) -> ExactModes:
     """The likeliest modes of all times, intervals without samples at their ends as they come."""
     place, n_modes = Intervals.places(recordings), len(laws.coef)

@@ -37,7 +37,7 @@ from swsysid._stays.lifted import Estimate, recombined
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.polynomial_laws import laws_of
-from swsysid._stays.recordings import Recordings, in_exact_steps
+from swsysid._stays.recordings import Recordings, in_exact_steps, sharp_enough
 from swsysid._stays.retold import Turns, retold, with_visits, without_visits
 from swsysid._stays.samples import intervals_of, misfits, named_as, states_of
 from swsysid._stays.settings import StaySettings
@@ -76,7 +76,8 @@ class Alternation:
         free = np.ones(start.coef_.shape, dtype=bool) if free is None else free
         system = start.switching_model
         laws = replace(laws_of(start.coef_, system.feature_map, spread, free), region=region)
-        self.laws = placed(laws, recordings.columns)
+        laws = placed(laws, recordings.columns)
+        self.laws = sharp_enough(laws, recordings, noise, settings)
         recordings = in_exact_steps(recordings, self.laws, noise, settings)
         self.recordings = recordings
         self.disturbances = disturbances(self.laws, recordings, settings)
@@ -84,12 +85,14 @@ class Alternation:
         self.modes = np.full(recordings.steps.shape, -1)
         self.last: StayIdentification | None = None  # the round before
         self.placed = known  # whose surface a round goes on from
+        # the part has been through all prices
+        self._first = settings.settled if known is None else len(settings.prices) - 1
         if known is not None:
             self.noise = noise_of(known.reached, noise)
-            # tried in the part: a surface of many switches is not moved by one visit
-            self.settings = replace(self.settings, most_visits=0)
+            # tried in the part: many switches are not moved by one visit, and tell more of terms
+            self.settings = replace(self.settings, most_visits=0, certain=settings.hopeless)
         if self._separates and known is not None:
-            trust = settings.trust[settings.settled]
+            trust = settings.trust[self._first]
             self.prior = prior_of(known.model, known.reached, recordings, trust, settings)
         elif self._separates:
             self.prior = prior_of_model(system, recordings, settings.trust[0])
@@ -98,8 +101,7 @@ class Alternation:
 
     def begin(self) -> StayIdentification:
         """The first rounds, after which starts are compared; one from what is known."""
-        settled = self.settings.settled
-        for stage in range(settled) if self.placed is None else (settled,):
+        for stage in range(self._first) if self.placed is None else (self._first,):
             self._round(stage)
         return self.best
 
@@ -121,7 +123,7 @@ class Alternation:
         if not self._separates and (exactly or is_exact(self.best)):
             return self._polished(self.best)
         n_prices = len(settings.prices)
-        for turn in range(settings.settled, settings.most_rounds):
+        for turn in range(self._first, settings.most_rounds):
             before = self.found[-1].criterion
             changed = self._round(min(turn, n_prices - 1))
             told()

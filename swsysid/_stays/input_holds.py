@@ -34,7 +34,7 @@ from swsysid._stays.settings import StaySettings
 
 # By what part V must fall. For plants made here whose inputs step it is .78 to .99, for measured
 # sets whose laws lack something else .02 or .03, which may as well be a part of that.
-_CLEARLY = 0.1
+CLEARLY = 0.1
 
 
 def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> Iterator[str]:
@@ -62,7 +62,7 @@ def holds_of(
     One law is tried first: where it leaves nothing but noise, steps are no switches of modes.
     """
     if input_hold != "auto":
-        return _told(input_hold, given.n_inputs)
+        return told_holds(input_hold, given.n_inputs)
     lines = (Hold.LINE,) * given.n_inputs
     channels = staircases([(record.t, record.u) for record in given.records])
     if not channels:
@@ -79,7 +79,8 @@ def holds_of(
     return lines
 
 
-def _told(input_hold: object, n_inputs: int) -> tuple[Hold, ...]:
+def told_holds(input_hold: object, n_inputs: int) -> tuple[Hold, ...]:
+    """What each input does as a user says it."""
     if isinstance(input_hold, str):
         one_of("input_hold", input_hold, ("auto", *map(str, Hold)))
         return (Hold(input_hold),) * n_inputs
@@ -104,7 +105,7 @@ def _best(
             other = [*best.holds]
             other[channel] = hold
             tried = _Trial.of(search, other, best.reached.estimate)
-            clearly = tried.reached.value < (1.0 - _CLEARLY) * best.reached.value
+            clearly = tried.reached.value < (1.0 - CLEARLY) * best.reached.value
             if clearly and tried.nats < best.nats:
                 best = tried
     return best

@@ -21,6 +21,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate
 from swsysid._stays.laws import Features, Laws
@@ -191,6 +192,7 @@ def flow(laws: Laws, modes: NDArray[np.intp], x: Array, u: Array, v: Array, h: A
     return x
 
 
+@step
 def laws_of(
     coef: Array, free: NDArray[np.bool_], features: Features, intervals: Intervals, turns: int
 ) -> IntervalLaws:
@@ -206,6 +208,7 @@ def laws_of(
     return _judged(_refitted(found, weights), free, features, intervals)
 
 
+@step
 def along_flows(found: IntervalLaws, features: Features, turns: int) -> Laws:
     """The same laws where the flow from a sample, not Simpson's rule, leads to the next one."""
     laws = Laws(found.coef, features, found.intervals.unit, found.free)

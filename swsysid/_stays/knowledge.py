@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +18,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.descent import Reached
 from swsysid._stays.equations import NodeEquations
-from swsysid._stays.identification import StayIdentification, counted_as_one
+from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
 from swsysid._stays.laws import Laws
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples, misfits
@@ -80,8 +80,13 @@ def placed(laws: Laws, columns: Array) -> Laws:
 class Again:
     """Identifications with some of the sentences left out, each made once."""
 
-    def __init__(self, identified: Callable[[frozenset[int]], StayIdentification], asked: object):
-        self._identified, self.asked = identified, asked  # number of modes asked for
+    def __init__(
+        self,
+        identified: Callable[[frozenset[int]], StayIdentification],
+        estimator: SwitchingSystemRegressor,
+        noise: Array,  # as neighbouring samples show it
+    ):
+        self._identified, self.n_modes, self.noise = identified, estimator.n_modes, noise
         self._done: dict[frozenset[int], Reached] = {}
 
     def __call__(self, left_out: frozenset[int]) -> Reached:
@@ -128,10 +133,11 @@ class _StayFit:
     def unit(self) -> tuple[float, float]:
         """Mean square of what is left, in units of the noise; samples that count as one."""
         left = misfits(self.reached.estimate) / self.reached.noise
-        return float(np.nansum(np.square(left)) / self._freedom), counted_as_one(self.reached)
+        return float(np.nansum(np.square(left)) / self.freedom), counted_as_one(self.reached)
 
     @property
-    def _freedom(self) -> float:
+    def freedom(self) -> float:
+        """Values less unknowns."""
         seen = np.isfinite(self.reached.estimate.nodes.y).sum()
         return max(1.0, float(seen) - self.reached.n_unknowns)
 
@@ -146,31 +152,34 @@ class _StayFit:
         change[laws.places] = step[: len(laws.places[0])]
         unit, as_one = min(self.unit, moved.unit)
         return Released(
-            change, gain, unit * as_one, self._freedom / as_one, lambda: _of_laws(equations)
+            change, gain, unit * as_one, self.freedom / as_one, lambda: _of_laws(equations)
         )
 
-    def log_p_unasked(self, region: Region, number: int) -> float:
-        """By the likelihood of an identification without a sentence that left too few modes."""
-        asked = self.again.asked
-        if asked == "auto" or len(self.coef) >= int(str(asked)):
-            return 0.0
-        other = self._named(self.again(region.without(number).left_out))
+    @property
+    def falls_short(self) -> bool:
+        asked = self.again.n_modes
+        fewer = asked != "auto" and len(self.coef) < int(asked)
+        return fewer or not leaves_noise(self.reached, self.again.noise)
+
+    def without(self, left_out: frozenset[int]) -> _StayFit:
+        return self._named(self.again(left_out))
+
+    def log_p_beside(self, other: _StayFit) -> float:
         gain = self.reached.with_noise(other.reached.noise).value - other.reached.value
         n_free = max(1.0, other.reached.n_unknowns - self.reached.n_unknowns)
         unit, as_one = other.unit
         statistic = 2.0 * max(0.0, gain) / (n_free * unit * as_one)
-        return float(fisher.logsf(statistic, n_free, self._freedom / as_one))
+        return float(fisher.logsf(statistic, n_free, other.freedom / as_one))
 
-    def without_one(self, region: Region, doubted: Sequence[int]) -> tuple[int, _StayFit]:
-        """The one without which an identification is most likely for what it leaves free."""
-        tried = {k: self.again(region.without(k).left_out) for k in doubted}
-        noise = np.min([one.noise for one in tried.values()], axis=0)
-        price = 0.5 * np.log(max(2.0, self._freedom))
-        best = least_of(
-            list(tried),
-            lambda k: tried[k].with_noise(noise).value + price * tried[k].n_unknowns,
+    def likeliest(self, others: Mapping[int, _StayFit]) -> int:
+        noise = np.min([one.reached.noise for one in others.values()], axis=0)
+        price = 0.5 * np.log(max(2.0, self.freedom))
+        return least_of(
+            sorted(others),
+            lambda k: (
+                others[k].reached.with_noise(noise).value + price * others[k].reached.n_unknowns
+            ),
         )
-        return best, self._named(tried[best])
 
     def _named(self, reached: Reached) -> _StayFit:
         """What was reached without a sentence, its modes named as these are."""

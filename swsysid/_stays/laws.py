@@ -11,7 +11,7 @@ are integrated together by the classical method of Runge and Kutta.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -57,6 +57,7 @@ class Laws:
     shapes: tuple[Shape, ...] = field(default=(), kw_only=True)
     bounds: tuple[Bound, ...] = field(default=(), kw_only=True)
     region: Region | None = field(default=None, kw_only=True)  # of coefficients, as is known
+    order: int = field(default=4, kw_only=True)  # of a step
 
     @cached_property
     def places(self) -> tuple[Modes, Modes, Modes]:
@@ -113,6 +114,11 @@ class Laws:
     def n_free(self) -> int:
         """Number of unknowns, free coefficients and those inside of features."""
         return len(self.places[0]) + len(self.inside)
+
+    @property
+    def sharper(self) -> Iterator[Laws]:
+        """The same laws whose steps are ever more exact, where that costs less than finer ones."""
+        return iter((self,))
 
     def error_of_steps(self, x: Array, u: Array, after: Array, duration: Array) -> Array:
         """By how much steps miss two of half their length, at most in any mode; shape of `x`."""

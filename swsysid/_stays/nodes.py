@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._results import Array
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, durations
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
 
@@ -76,7 +76,7 @@ class Nodes:
         ahead = np.concatenate([recordings.after, recordings.u[-1:]])
         self.after = recordings.in_a_row(ahead)
         self.t = np.concatenate(recordings.times)
-        self.steps = np.diff(self.t)[self.begins]
+        self.steps = durations(self.t)[self.begins]
         # an event takes no time, and what it may leave of the state is not infinitely sure
         least = LIMITS.shortest_step * recordings.interval
         self.parts = np.maximum(self.steps, least) / recordings.interval

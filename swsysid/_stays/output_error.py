@@ -314,13 +314,17 @@ class Rollouts:
     @property
     def slopes_of_parameters(self) -> Array:
         """Those by the parameters alone, the starts eliminated."""
-        slopes, by_starts = np.split(self.slopes, [len(self.vector)], axis=1)
+        return self.without_starts(self.slopes[:, : len(self.vector)])
+
+    def without_starts(self, columns: Array) -> Array:
+        """What moving the starts leaves of columns (n_residuals, n_columns)."""
+        left, by_starts = columns.copy(), self.slopes[:, len(self.vector) :]
         for k in range(len(self.starts)):
             rows = self.problem.recording == k
             basis, sizes, _ = np.linalg.svd(by_starts[rows], full_matrices=False)
             basis = basis[:, sizes > 1e-10 * max(sizes.max(initial=0.0), 1e-300)]
-            slopes[rows] -= basis @ (basis.T @ slopes[rows])
-        return slopes
+            left[rows] -= basis @ (basis.T @ left[rows])
+        return left
 
     def moved(self, step: Array) -> Rollouts:
         """Others: parameters within their bounds, then starts."""

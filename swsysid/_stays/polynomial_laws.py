@@ -7,12 +7,18 @@ are
           v_4 = A_j v_3 ,
 
 and the step of the classical method of Runge and Kutta is their Taylor polynomial,
-:math:`x + h v_1 + h^2 v_2 / 2 + h^3 v_3 / 6 + h^4 v_4 / 24`. So is that of the sensitivities.
+:math:`x + h v_1 + h^2 v_2 / 2 + h^3 v_3 / 6 + h^4 v_4 / 24`. So is that of the sensitivities. Two
+terms more cost less than twice as many steps: the order is as high as the noise asks for.
+
+With :math:`z = (x, u, s, 1)`, which changes linearly along the law, the state at the end of a step
+and its derivatives by the coefficients are linear functions of z: those of all steps that last
+equally long are two products of matrices.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial
 
@@ -24,6 +30,8 @@ from swsysid._data.features import FeatureMap
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes, slope_of
 from swsysid._stays.settings import LIMITS
+
+_ORDERS = (4, 6, 8)  # of the steps of affine laws
 
 
 def laws_of(coef: Array, feature_map: FeatureMap, spread: Array, free: NDArray[np.bool_]) -> Laws:
@@ -76,12 +84,21 @@ class PolynomialLaws(Laws):
 class AffineLaws(PolynomialLaws):
     """Vector fields A_j x + B_j u + c_j of the modes."""
 
+    @property
+    def sharper(self) -> Iterator[Laws]:
+        """As in `Laws`."""
+        return (replace(self, order=order) for order in _ORDERS)
+
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array]:
         """A, B and c of all modes."""
         both, n_states = self.coef @ self.powers, self.coef.shape[1]
-        constant = self.coef @ (self.powers.sum(axis=1) == 0)
-        return both[:, :, :n_states], both[:, :, n_states:], constant
+        return both[:, :, :n_states], both[:, :, n_states:], self.coef @ self._constant
+
+    @property
+    def _constant(self) -> NDArray[np.bool_]:
+        """Which of the features are."""
+        return self.powers.sum(axis=1) == 0
 
     def velocities(self, modes: Modes, x: Array, u: Array, slope: Array | None = None) -> Array:
         """Velocity of every row, each in a given mode; `slope`, of the inputs, is not asked."""
@@ -101,8 +118,8 @@ class AffineLaws(PolynomialLaws):
         derivatives = self._derivatives(modes, x, u, slope)
         of_states = self._parts[0][modes]
         # what the features are made of, and its derivatives along the law
-        rest = np.zeros_like(u)
-        moving = zip((x, *derivatives[:-1]), (u, slope, rest, rest), strict=True)
+        rest = [np.zeros_like(u)] * (self.order - 2)
+        moving = zip((x, *derivatives[:-1]), (u, slope, *rest), strict=True)
         varied, latest = [], Z
         for order, (of_x, of_u) in enumerate(moving):
             latest = np.matmul(of_states, latest)
@@ -122,33 +139,65 @@ class AffineLaws(PolynomialLaws):
         """
         if self.inside:
             return super().flow(mode, x, u, after, duration)
-        matrix, h = self._parts[0][mode], duration
-        if np.ptp(h) <= LIMITS.rounding * h.max(initial=0.0):
-            h = h[:1]
-        rest, rates, values = np.zeros_like(u), [x], []
-        for of_inputs in (u, slope_of(u, after, duration), rest, rest):
+        h, slope = duration, slope_of(u, after, duration)
+        if len(h) and np.ptp(h) <= LIMITS.rounding * h.max():
+            of_ends, of_unknowns = self._by_columns(mode, float(h[0]))
+            columns = np.concatenate([x, u, slope, np.ones((len(x), 1))], axis=1).T
+            by_law = of_unknowns.reshape(-1, len(columns)) @ columns
+            by_law = by_law.reshape(*of_unknowns.shape[:2], len(x))
+            by_state = of_ends[:, : x.shape[1]].T[:, :, None]
+            return (of_ends @ columns).T, by_state, by_law
+        rates, values = [x], []
+        for of_inputs in (u, slope, *[np.zeros_like(u)] * (self.order - 2)):
             values.append(self.powers @ np.concatenate([rates[-1], of_inputs], axis=1).T)
             if not len(values) > 1:
-                values[0][self.powers.sum(axis=1) == 0] = 1.0
+                values[0][self._constant] = 1.0
             rates.append((self.coef[mode] @ values[-1]).T)
-        shares = [h**k / factorial(k) for k in range(1, 5)]
-        changes = np.zeros((4, *matrix.shape, len(h)))  # rows of P_m, transposed
-        for m in range(4):
-            power = np.eye(len(matrix))
-            for share in shares[m:]:
-                changes[m] += power.T[:, :, None] * share
-                power = matrix @ power
+        matrix, changes = self._parts[0][mode], self._changes(mode, h).swapaxes(1, 2)
         by_state = np.eye(len(matrix))[:, :, None] + np.einsum("sar,sb->bar", changes[0], matrix)
         ends = _taylor(x, rates[1:], duration[:, None])
         return ends, by_state, self._by_unknowns(mode, [], np.array(values), changes)
 
+    def _changes(self, mode: int, h: Array) -> Array:
+        """P_m of steps (n_steps,), (order, n_states, n_states, n_steps)."""
+        matrix = self._parts[0][mode]
+        shares = [h**k / factorial(k) for k in range(1, self.order + 1)]
+        changes = np.zeros((self.order, *matrix.shape, len(h)))
+        for m in range(self.order):
+            power = np.eye(len(matrix))
+            for share in shares[m:]:
+                changes[m] += power[:, :, None] * share
+                power = matrix @ power
+        return changes
+
+    def _by_columns(self, mode: int, h: float) -> tuple[Array, Array]:
+        """What ends of steps, and their derivatives by the unknowns, are by x, u, s and 1.
+
+        (n_states, n_columns) and (n_unknowns, n_states, n_columns).
+        """
+        n_states, n_inputs = len(self.spread), self.powers.shape[1] - len(self.spread)
+        no_slopes = np.zeros((len(self.powers), n_inputs))
+        features = np.column_stack([self.powers, no_slopes, self._constant])
+        moves = np.zeros((features.shape[1], features.shape[1]))
+        moves[:n_states] = self.coef[mode] @ features
+        moves[n_states : n_states + n_inputs, n_states + n_inputs : -1] = np.eye(n_inputs)
+        changes = self._changes(mode, np.array([h]))[..., 0]
+        by_law = np.zeros((n_states, *features.shape, n_states))
+        ends, latest = np.eye(n_states, features.shape[1]), features
+        for k, change in enumerate(changes, 1):
+            ends = ends + h**k / factorial(k) * (self.coef[mode] @ latest)
+            by_law += change.T[:, None, None, :] * latest[None, :, :, None]
+            latest = latest @ moves
+        return ends, np.ascontiguousarray(by_law[self.free[mode]].swapaxes(1, 2))
+
     def _derivatives(self, modes: Modes, x: Array, u: Array, slope: Array) -> list[Array]:
-        """Of the state along its law, the first four."""
+        """Of the state along its law, as many as the order."""
         of_states, of_inputs = self._parts[0][modes], self._parts[1][modes]
-        first = self.velocities(modes, x, u)
-        second = _times(of_states, first) + _times(of_inputs, slope)
-        third = _times(of_states, second)
-        return [first, second, third, _times(of_states, third)]
+        rates = [self.velocities(modes, x, u)]
+        rates.append(_times(of_states, rates[0]) + _times(of_inputs, slope))
+        while len(rates) < self.order:
+            rates.append(_times(of_states, rates[-1]))
+        return rates
 
     def _add_features(self, rates: Array, modes: Modes, columns: Array, constant: bool) -> None:
         """What the free coefficients add to rates of sensitivities; constants have none."""
@@ -157,7 +206,7 @@ class AffineLaws(PolynomialLaws):
             return
         features = columns @ self.powers.T
         if constant:
-            features[:, self.powers.sum(axis=1) == 0] = 1.0
+            features[:, self._constant] = 1.0
         unknowns = rates.shape[1] + np.arange(len(mode))
         rates[:, state, unknowns] += features[:, feature] * (modes[:, None] == mode)
 

@@ -18,6 +18,8 @@ from swsysid._results import Array
 from swsysid._stays.laws import Laws
 from swsysid._stays.settings import LIMITS, StaySettings
 
+Held = bool | NDArray[np.bool_]
+
 # In usual intervals: between two samples further apart times are inserted.
 _LONGEST_STEP = 1.5
 
@@ -51,7 +53,8 @@ class Recordings:
     unknown: tuple[NDArray[np.intp], ...] = ()
     first_step: float = 0.5  # part of a step that is integrated at once: a half, or 1
     per_sample: int = 1  # steps between two samples that follow each other as usual
-    held: bool = False  # inputs stay what they are from one sample to the next
+    # inputs that stay what they are from one sample to the next: all, none, or a mask (n_inputs,)
+    held: Held = False
 
     @classmethod
     def of(
@@ -60,11 +63,11 @@ class Recordings:
         guess: Sequence[Array] | None = None,
         between: Sequence[Array] | None = None,
         *,
-        held: bool = False,
+        held: Held = False,
     ) -> Recordings:
         """Records of any lengths; by default their own values are the rough ones.
 
-        `between` are further times of each, between its samples; `held` says that inputs are not
+        `between` are further times of each, between its samples; `held` says which inputs are not
         linear there but stay what they are.
         """
         guess = [record.filled for record in records] if guess is None else guess
@@ -80,7 +83,7 @@ class Recordings:
         u, rough = np.zeros((n_times, count, n_inputs)), np.zeros((n_times, count, n_states))
         for place, (record, states, _) in enumerate(parts):
             n, n_measured = len(record.t), record.y.shape[1]
-            steps[: n - 1, place] = np.diff(record.t)
+            steps[: n - 1, place] = durations(record.t)
             y[:n, place, :n_measured] = record.y
             u[:n, place], u[n:, place] = record.u, record.u[-1]
             rough[:n, place], rough[n:, place] = states, states[-1]
@@ -103,7 +106,7 @@ class Recordings:
     @property
     def after(self) -> Array:
         """Inputs at the ends of the steps, before they may jump there."""
-        return self.u[:-1] if self.held else self.u[1:]
+        return np.where(self.held, self.u[:-1], self.u[1:])
 
     @property
     def interval(self) -> float:
@@ -226,7 +229,7 @@ class Recordings:
         low = np.minimum(fine.astype(int), len(self.steps) - 1)
         share = (fine - low)[:, None, None]
         u, guess = (one[low] + share * (one[low + 1] - one[low]) for one in (self.u, self.guess))
-        u = self.u[fine.astype(int)] if self.held else u
+        u = np.where(self.held, self.u[fine.astype(int)], u)
         y, sizes = np.full(guess.shape, np.nan), None
         y[::parts] = self.y
         if self.sizes is not None:
@@ -275,12 +278,20 @@ class Recordings:
                 line = self.u[first, k] + on_line[:, :, None] * slope
                 u[places, k] = np.where(smooth, line, u[places, k])
                 t[places] = between
-            times[k], steps[: len(t) - 1, k] = t, np.diff(t)
+            times[k], steps[: len(t) - 1, k] = t, durations(t)
         return replace(self, times=tuple(times), steps=steps, u=u)
 
     def with_guess(self, guess: Array) -> Recordings:
         """The same with other rough states."""
         return replace(self, guess=guess)
+
+
+def durations(t: Array) -> Array:
+    """Of the steps between times; those that differ by the rounding of times alone are equal."""
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    same = np.abs(steps - usual) <= 2.0 * np.spacing(np.abs(t).max())
+    return np.where(same, usual, steps)
 
 
 def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDArray:
@@ -294,7 +305,7 @@ def pieces_of(padded: NDArray, pieces: Sequence[Piece], further: int = 0) -> NDA
 
 
 def _filled_in(
-    record: Record, guess: Array, further: Array, interval: float, held: bool
+    record: Record, guess: Array, further: Array, interval: float, held: Held
 ) -> tuple[Record, Array, NDArray[np.intp]]:
     """A record with times between far samples, its rough states, and places of its samples."""
     counts = np.ceil(np.diff(record.t) / (_LONGEST_STEP * interval)).astype(int)
@@ -306,8 +317,7 @@ def _filled_in(
     y = np.full((len(t), record.y.shape[1]), np.nan)
     y[places] = record.y
     u, states = (between(t, record.t, columns) for columns in (record.u, guess))
-    if held:
-        u = record.u[np.searchsorted(record.t, t, side="right") - 1]
+    u = np.where(held, record.u[np.searchsorted(record.t, t, side="right") - 1], u)
     return Record(t, y, u, record.unknown), states, places
 
 
@@ -327,17 +337,25 @@ def in_exact_steps(
     Runge and Kutta's method is of fourth order: n times as many steps have an error n^4 times
     smaller.
     """
-    most = settings.exact * noise
-    excess = float((_gathered(recordings, laws) / most).max())
+    excess = _excess(recordings, laws, noise, settings)
     if excess <= 1.0:
         return recordings.with_long_steps()
     finer = int(np.ceil(min(0.5 * excess**0.25, settings.most_steps)))
     return recordings.divided(max(1, finer))
 
 
-def _gathered(recordings: Recordings, laws: Laws) -> Array:
-    """Error of the longest rollout with one step for each interval, (n_states,)."""
+def sharp_enough(laws: Laws, recordings: Recordings, noise: Array, settings: StaySettings) -> Laws:
+    """The laws whose steps are as exact as that, or as exact as they can be."""
+    for own in laws.sharper:
+        if _excess(recordings, own, noise, settings) <= 1.0:
+            break
+    return own
+
+
+def _excess(recordings: Recordings, laws: Laws, noise: Array, settings: StaySettings) -> float:
+    """Error of the longest rollout with one step for each interval, by what it may be."""
     inside = recordings.steps > 0.0
-    x, u, after = recordings.guess[:-1][inside], recordings.u[:-1][inside], recordings.u[1:][inside]
+    x, u, after = recordings.guess[:-1][inside], recordings.u[:-1][inside], recordings.after[inside]
     errors = laws.error_of_steps(x, u, after, recordings.steps[inside])
-    return np.asarray(len(recordings.steps) * errors.mean(axis=0), dtype=float)
+    gathered = len(recordings.steps) * errors.mean(axis=0)
+    return float((gathered / (settings.exact * noise)).max())

@@ -22,8 +22,8 @@ import numpy as np
 from swsysid._results import Array
 from swsysid._stays.descent import most_likely
 from swsysid._stays.laws import slopes_of
-from swsysid._stays.lifted import Estimate
-from swsysid._stays.nodes import Nodes
+from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.recordings import Piece
 from swsysid._stays.samples import states_of
 from swsysid._stays.settings import StaySettings
@@ -100,13 +100,44 @@ def _trials(estimate: Estimate, settings: StaySettings) -> list[_Trial]:
 def _values(
     estimate: Estimate, trials: Sequence[_Trial], noise: Array, settings: StaySettings
 ) -> Array:
-    """Half the squares of each trial where its states and instants suit it best."""
+    """Half the squares of each trial where its states and instants suit it best.
+
+    Loose ties bound them from below: where these already leave far more than the stay as it is,
+    nothing else is asked.
+    """
     recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
     parted = recordings.parted([one.piece for one in trials])
     nodes = Nodes(parted, [one.stays for one in trials])
     first = Estimate(estimate.laws.known(), nodes, parted.in_a_row(parted.guess))
-    reached = most_likely(first, noise, settings, near=True)
-    return reached.objective.by_recording(reached.estimate)
+    *loose, last = settings.ties[-2:]
+    if not loose:
+        return _reached(first, noise, settings, last)[1]
+    roughly = replace(settings, converged=settings.roughly_converged)
+    rough, values = _reached(first, noise, roughly, *loose)
+    begun = Objective(noise, last[0]).by_recording(first)
+    as_it_is = {one.place: value for one, value in zip(trials, begun, strict=True)
+                if one.mode == _mode(estimate, one)}  # fmt: skip
+    most = [as_it_is[one.place] + settings.hopeless for one in trials]
+    kept = np.flatnonzero(values <= most)
+    values[kept] = _reached(_some(rough, kept), noise, settings, last)[1]
+    return values
+
+
+def _reached(
+    first: Estimate, noise: Array, settings: StaySettings, tie: tuple[float, int]
+) -> tuple[Estimate, Array]:
+    """The estimate of highest likelihood, and what each recording adds to its value."""
+    reached = most_likely(first, noise, replace(settings, ties=(tie,)))
+    return reached.estimate, reached.objective.by_recording(reached.estimate)
+
+
+def _some(estimate: Estimate, kept: Rows) -> Estimate:
+    """The same of some recordings."""
+    recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
+    ends = recordings.lengths - 1
+    own = recordings.parted([Piece(k, 0, ends[k], 0, ends[k]) for k in kept.tolist()])
+    nodes = Nodes(own, [estimate.nodes.stays[k] for k in kept.tolist()])
+    return replace(estimate, nodes=nodes, states=own.in_a_row(own.guess))
 
 
 def _apart(trials: Sequence[_Trial], gains: Array, least: float) -> list[_Trial]:

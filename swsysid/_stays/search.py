@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._checks.parameters import shown, whole
+from swsysid._journal import offer, step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
@@ -188,6 +189,7 @@ class Search:
         n_modes = self.estimator.n_modes
         return list(range(1, most + 1)) if n_modes == "auto" else [n_modes]
 
+    @step
     def with_modes(
         self, n_modes: object, fewer: StayIdentification | None = None
     ) -> StayIdentification:
@@ -199,10 +201,12 @@ class Search:
         for start in self._starts(n_modes, fewer):
             start.begin()
             begun.append(start)
+            offer(least_of(begun, lambda one: one.best.criterion).best)
             self.told()
             if start.leaves_noise:
                 break
         best = self._finished(least_of(begun, lambda one: one.best.criterion))
+        offer(best)
         return self._without_equal_laws(best)
 
     def _without_equal_laws(self, found: StayIdentification) -> StayIdentification:
@@ -303,10 +307,8 @@ class Search:
         self, start: SwitchingSystemRegressor, found: IntervalLaws, candidates: list[CountCandidate]
     ) -> ExactStart:
         """Laws that explain intervals followed along their flows, and the modes in them."""
-        features, turns = (
-            start.switching_model.feature_map.at_rows,
-            self.settings.turns_of_intervals,
-        )
+        features = start.switching_model.feature_map.at_rows
+        turns = self.settings.turns_of_intervals
         found = without_equal(found, features, turns)
         laws = along_flows(found, features, turns)
         model = copy(start)

@@ -16,13 +16,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from swsysid._results import Array
-from swsysid._stays.chains import along
 from swsysid._stays.flow import Switching, steady_legs, switching
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.nodes import Nodes, Rows
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.rollouts import Event, Rolled
+from swsysid._stays.rollouts import Event, Rolled, along
 from swsysid._stays.sliding import SlidingLaws
 
 

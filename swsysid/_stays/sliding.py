@@ -13,7 +13,9 @@ pairs.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
@@ -64,12 +66,20 @@ class SlidingLaws(Laws):
     """
 
     guards: Guards
+    alone: Laws  # laws of modes that step as those of these do
 
     @classmethod
     def of(cls, laws: Laws, guards: Guards) -> SlidingLaws:
         """The laws, with the surfaces along which their modes slide."""
-        own = laws.coef, laws.features, laws.spread, laws.free, guards
-        return cls(*own, inside=laws.inside, region=laws.region)
+        own = laws.coef, laws.features, laws.spread, laws.free, guards, laws
+        return cls(*own, inside=laws.inside, region=laws.region, order=laws.order)
+
+    @cached_property
+    def plain(self) -> Laws:
+        """The laws of the modes alone."""
+        return replace(
+            self.alone, coef=self.coef, free=self.free, inside=self.inside, region=self.region
+        )
 
     @property
     def modes(self) -> range:
@@ -99,7 +109,7 @@ class SlidingLaws(Laws):
         """Velocity of every row; `slope` is that of the inputs."""
         first, second = self._pairs(modes)
         velocities = super().velocities(first, x, u)
-        if (rows := np.flatnonzero(modes >= len(self.coef))).size:
+        if (rows := self._sliding(modes)).size:
             assert slope is not None
             other = super().velocities(second[rows], x[rows], u[rows])
             own = self.slide(modes[rows], velocities[rows], other, x[rows], u[rows], slope[rows])
@@ -139,6 +149,41 @@ class SlidingLaws(Laws):
         share = np.divide(rates[0], apart, out=np.zeros(len(apart)), where=apart != 0.0)
         return Slide(share, apart, surfaces, gradients, slopes)
 
+    def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
+        """States after steps with inputs that go from `u` to `after`."""
+        first, _ = self._pairs(modes)
+        ends, rows = self.plain.step(first, x, u, after, duration), self._sliding(modes)
+        own = x[rows]
+        for part in self._in_parts(u[rows], after[rows], duration[rows]):
+            own = super().step(modes[rows], own, *part)
+        ends[rows] = own
+        return ends
+
+    def varied_step(
+        self, modes: Modes, x: Array, Z: Array, u: Array, after: Array, duration: Array
+    ) -> tuple[Array, Array]:
+        """The same with sensitivities (n_rows, n_states, n_unknowns)."""
+        first, _ = self._pairs(modes)
+        ends, rows = self.plain.varied_step(first, x, Z, u, after, duration), self._sliding(modes)
+        own = x[rows], Z[rows]
+        for part in self._in_parts(u[rows], after[rows], duration[rows]):
+            own = super().varied_step(modes[rows], *own, *part)
+        for end, one in zip(ends, own, strict=True):
+            end[rows] = one
+        return ends
+
+    def _sliding(self, modes: Modes) -> Modes:
+        return np.flatnonzero(modes >= len(self.coef))
+
+    def _in_parts(
+        self, u: Array, after: Array, duration: Array
+    ) -> Iterator[tuple[Array, Array, Array]]:
+        """Parts of steps, so many that a slide is followed as exactly as the modes are."""
+        n_parts = self.order // 2 - 1 if len(u) else 0
+        for k in range(n_parts):
+            begin, end = (u + share / n_parts * (after - u) for share in (k, k + 1))
+            yield begin, end, duration / n_parts
+
     def varied_velocities(
         self, modes: Modes, x: Array, Z: Array, u: Array, slope: Array
     ) -> tuple[Array, Array]:
@@ -149,7 +194,7 @@ class SlidingLaws(Laws):
         """
         first, second = self._pairs(modes)
         velocities, rates = super().varied_velocities(first, x, Z, u, slope)
-        rows = np.flatnonzero(modes >= len(self.coef))
+        rows = self._sliding(modes)
         if not rows.size:
             return velocities, rates
         x, Z, u, slope = x[rows], Z[rows], u[rows], slope[rows]
@@ -180,7 +225,7 @@ class SlidingLaws(Laws):
     ) -> tuple[Array, Array, Array]:
         """States of rows of one mode or slide after steps, and their derivatives, rows last."""
         if mode < len(self.coef):
-            return super().flow(mode, x, u, after, duration)
+            return self.plain.flow(mode, x, u, after, duration)
         n_states, modes = x.shape[1], np.full(len(x), mode, dtype=np.intp)
         Z = np.zeros((len(x), n_states, n_states + self.n_free))
         Z[:, np.arange(n_states), np.arange(n_states)] = 1.0

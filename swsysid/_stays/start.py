@@ -13,6 +13,7 @@ from scipy.stats import norm
 from sklearn.base import clone
 
 from swsysid._data.trajectories import usual_step
+from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.given import Given
@@ -50,6 +51,7 @@ class Differentiated:
         return list(rates_appended(measured, inputs, self.rows.Xdot.shape[1] // given.n_channels))
 
 
+@step
 def differentiated(given: Given, order: int, stretch: float = 1.0) -> Differentiated:
     """Smooth and differentiate; `stretch` makes the window longer than the automatic one.
 

@@ -10,17 +10,20 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._stays.descent import Reached, most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.monomials import needed_coefficients
 from swsysid._stays.samples import Samples, modes_of
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.start import enough, named
+from swsysid._stays.start import enough as _some
+from swsysid._stays.start import named
 from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_relevance
 from swsysid.metrics._modes import best_matching, contingency
 
 
+@step
 def with_surface(
     start: SwitchingSystemRegressor,
     reached: Reached,
@@ -51,6 +54,7 @@ def on_present_modes(reached: Reached) -> Reached:
     return replace(reached, estimate=reached.estimate.only(present))
 
 
+@step
 def on_surface(
     model: SwitchingSystemRegressor,
     reached: Reached,
@@ -67,6 +71,7 @@ def on_surface(
     return other, reached
 
 
+@step
 def with_few_monomials(
     model: SwitchingSystemRegressor, reached: Reached, settings: StaySettings
 ) -> tuple[SwitchingSystemRegressor, Reached]:
@@ -79,7 +84,8 @@ def with_few_monomials(
     samples = Samples.of(reached.estimate)
     n_monomials = fitted.surface_features(samples.columns[:1]).shape[1]
     surface = clone(given).set_params(relevance=np.ones(n_monomials))
-    beside = samples.modes < len(reached.estimate.laws.coef)  # no slides
+    beside = np.flatnonzero(samples.modes < len(reached.estimate.laws.coef))  # no slides
+    beside = beside[_some(len(beside))]
     surface.fit(samples.columns[beside], samples.modes[beside])
     full = Guards.of(surface, samples.spread, len(reached.estimate.laws.coef))
     # with all monomials the modes may be separated by other surfaces
@@ -143,7 +149,7 @@ def _refitted(
 ) -> tuple[SwitchingSystemRegressor, NDArray[np.intp]]:
     """The estimator fitted to the estimated states and modes, and its order of the modes."""
     n_modes = len(reached.estimate.laws.coef)
-    some = enough(len(samples.modes))
+    some = _some(len(samples.modes))
     model = clone(start).set_params(init=samples.modes[some], n_modes=n_modes, sparsity=None)
     groups = reached.estimate.nodes.recordings.groups[some]
     model.fit(named(samples.columns[some], names), samples.velocities[some], groups=groups)

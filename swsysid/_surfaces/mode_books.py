@@ -3,11 +3,9 @@
 A mode-book gives each of M modes a distinct code in {-1, +1}^L, one sign for each surface, with
 L = ceil(log2 M) (paper, "Recovery of Switching Surfaces"). Flipping a surface's sign for all
 modes, or exchanging two surfaces, changes nothing; of all these equal books the canonical one
-gives the first mode -1 everywhere and has its columns in lexicographic order.
-
-So few surfaces must each separate *all* modes. Where they cannot (three sectors of the plane and
-straight lines, nested rings), a surface for each pair of modes does: it has no say about the
-others, which is an entry 0 in the book.
+gives the first mode -1 everywhere and has its columns in lexicographic order. So few surfaces
+must each separate *all* modes. Where they cannot (three sectors of the plane, nested rings), one
+for each pair of modes does: an entry 0 says nothing about the others.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import entropy
 from sklearn.exceptions import ConvergenceWarning
 
 from swsysid._checks import arrays
@@ -157,9 +156,9 @@ def choose_mode_book(
     *program,
     settings: MarginSettings = MARGIN,
 ) -> Book:
-    """The best book of ceil(log2 M) surfaces, or pairwise surfaces where these cannot do."""
-    # Decided on some rows of every mode: programs of surfaces that do not separate have slack on
-    # many rows and are slow. `program` is margin, beta, bound and solver of `fit_surface`.
+    """The best book of ceil(log2 M) surfaces, or pairwise surfaces where labels pay for them."""
+    # A coefficient costs what BIC says. Some rows of every mode decide: programs that do not
+    # separate are slow. `program` is margin, beta, bound and solver of `fit_surface`.
     one_hot = np.eye(n_modes)[labels]
     residuals = one_hot - features @ least_squares(features, one_hot, weight)
     books = candidate_books(n_modes, disagreement(one_hot, residuals, weight), rng, settings)
@@ -168,11 +167,14 @@ def choose_mode_book(
     rows, share = _some_of_each(labels, settings.deciding)
     some = features[rows], labels[rows], weight[rows] * share
     few, fits = fit_mode_book(*some, books, *program)
-    accuracy = _merit(*some, few, fits)[0]
-    if accuracy > 1.0 - settings.worth:
+    wrong = 1.0 - _merit(*some, few, fits)[0]
+    if wrong == 0.0:
         return few
     many, fits = fit_mode_book(*some, [pairwise_book(n_modes)], *program)
-    return many if _merit(*some, many, fits)[0] > accuracy + settings.worth else few
+    fewer = 1.0 - _merit(*some, many, fits)[0]
+    gain = len(rows) * -np.diff(entropy([[wrong, fewer], [1.0 - wrong, 1.0 - fewer]]))[0]
+    more = features.shape[1] * (many.shape[1] - few.shape[1])
+    return many if fewer < wrong and gain > 0.5 * np.log(len(rows)) * more else few
 
 
 def _some_of_each(labels: NDArray[np.intp], n_rows: int) -> tuple[NDArray[np.intp], Array]:

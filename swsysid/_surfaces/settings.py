@@ -20,7 +20,6 @@ class MarginSettings:
     newton_steps: int = 10  # for each smoothing width
     secant_steps: int = 15  # of a line search
     deciding: int = 1000  # rows that decide between starts and between mode-books
-    worth: float = 0.02  # accuracy that a surface for each pair of modes must gain over few
     all_books: int = 4  # modes up to which all mode-books are tried (three of them)
     screened_books: int = 4  # fitted of the others, those of the least misfit
     book_starts: int = 10  # random starts of their search

@@ -125,25 +125,27 @@ def held_exactly(numbers: NDArray) -> NDArray:
     (array([3.]), array([1152921504606846977]))
     """
     is_large = numbers.dtype.kind in "iu" and len(numbers) and abs(int(numbers[0])) > 2**53
-    return numbers.astype(np.int64 if is_large else float)
+    return numbers.astype(np.int64 if is_large else float, copy=False)
 
 
 def column_of(
     cells: Sequence[str], decimal: str = ".", is_gap: Callable[[str], bool] = is_missing
-) -> tuple[NDArray, str]:
-    """Floats where every cell is missing (NaN), a number or a time, else the text; and a unit.
+) -> tuple[NDArray, str, float | None]:
+    """Floats where every cell is missing (NaN), a number or a time, else the text; unit; start.
 
     Times of the clock become seconds since the first of them, and times that passed seconds; the
-    unit is then "s". Numbers that all carry the same unit are numbers of that unit.
+    unit is then "s". The start is the first time of the clock, in seconds since 1970 or since
+    midnight, None where there is none. Numbers that all carry the same unit are numbers of that
+    unit.
 
     Examples
     --------
     >>> column_of(["1,5", "---"], decimal=",")
-    (array([1.5, nan]), '')
+    (array([1.5, nan]), '', None)
     >>> column_of(["2024-05-01T23:59:59Z", "2024-05-02T01:00:00.5+01:00"])
-    (array([0. , 1.5]), 's')
+    (array([0. , 1.5]), 's', 1714607999.0)
     >>> column_of(["250 ms", "1.5 sec"]), column_of(["3 V", "4 V"])
-    ((array([0.25, 1.5 ]), 's'), (array([3., 4.]), 'V'))
+    ((array([0.25, 1.5 ]), 's', None), (array([3., 4.]), 'V', None))
     """
     texts = [cell.strip() for cell in cells]
     gap = np.array([is_gap(text) for text in texts], dtype=bool)
@@ -151,15 +153,16 @@ def column_of(
     values = np.full(len(texts), np.nan)
     if all(is_number(text, decimal) for text in present):
         values[~gap] = _plain(present, decimal)
-        return values, ""
+        return values, "", None
     for read, unit in ((_quantities(present, decimal)), (_passed(present), "s")):
         if read is not None:
             values[~gap] = read
-            return values, unit
+            return values, unit, None
     if all(is_clock(text) for text in present):
-        values[~gap] = _seconds(present)
-        return values, "s"
-    return np.array(["" if m else text for text, m in zip(texts, gap, strict=True)], object), ""
+        values[~gap], start = _seconds(present)
+        return values, "s", start
+    words = ["" if missing else text for text, missing in zip(texts, gap, strict=True)]
+    return np.array(words, dtype=object), "", None
 
 
 def _plain(texts: Sequence[str], decimal: str) -> list[float]:
@@ -192,8 +195,8 @@ def _passed(texts: list[str]) -> NDArray | None:
     return pd.to_timedelta([text.replace(",", "") for text in texts]).total_seconds().to_numpy()
 
 
-def _seconds(clock: list[str]) -> NDArray[np.float64]:
-    """Seconds since the first entry; dates of mixed time zones are compared in UTC."""
+def _seconds(clock: list[str]) -> tuple[NDArray[np.float64], float]:
+    """Seconds since the first entry, and that; dates of mixed time zones are compared in UTC."""
     import pandas as pd
 
     cells = [text.replace(",", ".").replace("/", "-") for text in clock]
@@ -204,7 +207,7 @@ def _seconds(clock: list[str]) -> NDArray[np.float64]:
         seconds = pd.to_timedelta(full).total_seconds().to_numpy(dtype=float)
         turn = DAY / 24 if is_short else DAY
         turns = np.cumsum(np.diff(seconds, prepend=seconds[0]) < -turn / 2)
-        return seconds - seconds[0] + turn * turns
+        return seconds - seconds[0] + turn * turns, float(seconds[0])
     try:
         times = pd.to_datetime(cells, format="ISO8601", utc=True)
     except ValueError:
@@ -212,4 +215,4 @@ def _seconds(clock: list[str]) -> NDArray[np.float64]:
         first = [int(re.split(r"\D", text, maxsplit=1)[0]) for text in clock]
         day_first = "." in clock[0][:3] or max(first) > 12
         times = pd.to_datetime(cells, format="mixed", utc=True, dayfirst=day_first)
-    return (times - times[0]).total_seconds().to_numpy(dtype=float)
+    return (times - times[0]).total_seconds().to_numpy(dtype=float), times[0].timestamp()

@@ -8,6 +8,7 @@ functional mock-up unit is a program and is run.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +19,7 @@ from swsysid._tables.fmu import read_fmu
 from swsysid._tables.hdf5 import is_hdf5, read_hdf5
 from swsysid._tables.mdf import read_mdf
 from swsysid._tables.modelica import is_modelica, read_modelica
-from swsysid._tables.readers import check_place, read_table
+from swsysid._tables.readers import check_place, is_table, read_table
 from swsysid._tables.ros import BAG_FOLDER, read_ros
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.tdms import read_tdms
@@ -63,6 +64,24 @@ FORMATS: dict[str, tuple[Format, ...]] = {
 DATABASES = (".dbc",)  # what the frames of a bus mean
 
 
+def is_recording(path: Path) -> bool:
+    """Whether there is a file, or a folder that is one, with an ending that some reader knows."""
+    if os.path.isdir(path):
+        return os.path.isfile(path / BAG_FOLDER)
+    return os.path.isfile(path) and (
+        path.suffix.lower() in (*FORMATS, *DATABASES) or is_table(path)
+    )
+
+
+def own_format(path: Path, described: Sequence[Path]) -> Format | None:
+    """The reader of a file that is no text, spreadsheet or arrays; TableError if there is none."""
+    kind = BAG_FOLDER if os.path.isfile(path / BAG_FOLDER) else path.suffix.lower()
+    known = FORMATS.get(kind, ())
+    if known:
+        check_place(path, is_folder=kind == BAG_FOLDER)
+    return next((one for one in known if one.claims(path, described)), None)
+
+
 def read_tables(
     path: Path, missing: Sequence[str] = (), described: Sequence[Path] = ()
 ) -> list[Table]:
@@ -70,11 +89,7 @@ def read_tables(
 
     `described` are the databases of a bus. TableError says what is wrong with the file.
     """
-    kind = BAG_FOLDER if (path / BAG_FOLDER).is_file() else path.suffix.lower()
-    known = FORMATS.get(kind, ())
-    if known:
-        check_place(path, is_folder=kind == BAG_FOLDER)
-    own = next((one for one in known if one.claims(path, described)), None)
+    own = own_format(path, described)
     if own is None:
         return [read_table(path, None, missing)]
     try:

@@ -8,6 +8,7 @@ from types import ModuleType
 
 from numpy.typing import NDArray
 
+from swsysid._tables.bounds import check_size
 from swsysid._tables.table import NUMERIC, Table
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -26,21 +27,22 @@ def read_hdf5(path: Path, described: Sequence[Path]) -> Iterator[Table]:
     import h5py
 
     with h5py.File(path, "r") as file:
-        yield from _of_group(h5py, path, file)
+        yield from _of_group(h5py, path.name, file)
 
 
-def _of_group(h5py: ModuleType, path: Path, group: Mapping[str, object]) -> Iterator[Table]:
+def _of_group(h5py: ModuleType, place: str, group: Mapping[str, object]) -> Iterator[Table]:
     lengths: dict[int, tuple[dict[str, NDArray], dict[str, str]]] = {}
     for name, member in group.items():
         if isinstance(member, h5py.Group) and not name.startswith("#"):
-            yield from _of_group(h5py, path, member)
+            yield from _of_group(h5py, f"{place}/{name}", member)
         if not isinstance(member, h5py.Dataset) or member.dtype.kind not in NUMERIC:
             continue
         if max(member.shape, default=0) == member.size > 1:
+            check_size(member.nbytes)
             columns, units = lengths.setdefault(member.size, ({}, {}))
             columns[name] = member[()].ravel()
             unit = member.attrs.get("units", member.attrs.get("unit", ""))
             units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
     for columns, units in lengths.values():
         known = {name: unit for name, unit in units.items() if unit}
-        yield Table(path.name, columns, known)
+        yield Table(place, columns, known)

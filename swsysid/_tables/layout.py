@@ -46,11 +46,13 @@ class Layout:
 
 def layout_of(lines: Sequence[str]) -> Layout:
     """The layout of a file; ValueError if no data stand below names, or a name occurs twice."""
-    filled = [k for k, line in enumerate(lines) if line.strip()]
+    filled = list(compress(range(len(lines)), map(str.strip, lines)))
     if len(filled) < 2:
         raise ValueError("it holds no row below its header.")
-    later = [k for k in filled[len(filled) // 2 :] if not _is_comment(lines[k])] or filled[-1:]
-    sample = [lines[k] for k in later[:: -(-len(later) // SAMPLED)]]
+    later = filled[len(filled) // 2 :]
+    if any(_is_comment(lines[k]) for k in _some(later)):
+        later = [k for k in later if not _is_comment(lines[k])] or filled[-1:]
+    sample = [lines[k] for k in _some(later)]
     delimiter, decimal = max(product(DELIMITERS, ".,"), key=lambda way: _sense(sample, *way))
     rows = [split_row(line, delimiter) for line in sample]
     width = mode(map(len, rows))
@@ -64,6 +66,11 @@ def layout_of(lines: Sequence[str]) -> Layout:
     _check_names(names, width, first)
     numeric += (False,) * (len(names) - width)
     return Layout(delimiter, decimal, tuple(names), tuple(units), header, first, numeric)
+
+
+def _some(places: Sequence[int]) -> Sequence[int]:
+    """A few dozen of them, over their whole length."""
+    return places[:: -(-len(places) // SAMPLED)]
 
 
 def split_row(line: str, delimiter: str) -> list[str]:

@@ -8,16 +8,18 @@ import difflib
 import gzip
 import lzma
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._tables.bounds import check_matlab, check_size, check_zip, read_bounded
 from swsysid._tables.cells import held_exactly
 from swsysid._tables.table import Table, TableError
 from swsysid._tables.text import decoded, table_of_text
 
-RUN = "run"  # column that numbers the elements of an array of structs, from 1 as MATLAB does
+RUN = "run"  # column that numbers runs; elements of an array of structs from 1, as MATLAB does
 
 Columns = Iterator[tuple[str, NDArray]]
 
@@ -50,6 +52,11 @@ def read_table(
     for name in units or {}:
         table.resolve(name)
     return table
+
+
+def is_table(path: Path) -> bool:
+    """Whether the ending is that of text, a spreadsheet or arrays."""
+    return _kind(path) in _READERS
 
 
 def check_place(path: Path, is_folder: bool = False) -> None:
@@ -97,13 +104,14 @@ def _beside(path: Path) -> str:
 
 def _read_text(path: Path, missing: Sequence[str]) -> Table:
     with _OPENERS.get(path.suffix.lower(), open)(path, "rb") as file:
-        return table_of_text(path.name, decoded(file.read()), missing)
+        return table_of_text(path.name, decoded(read_bounded(file)), missing)
 
 
 def _read_spreadsheet(path: Path, missing: Sequence[str]) -> Table:
     """The first sheet that holds a table, as the text that it would be with tabs."""
     import pandas as pd
 
+    check_zip(path)
     try:
         sheets = pd.read_excel(path, sheet_name=None, header=None, dtype=object, na_filter=False)
     except ImportError as error:
@@ -125,15 +133,25 @@ def _cell_text(cell: object) -> str:
 def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
     import pandas as pd
 
+    numbers = 0
+    with suppress(ImportError, ValueError, OSError):  # reading says what is wrong
+        from pyarrow.parquet import read_metadata
+
+        told = read_metadata(path)
+        numbers = told.num_rows * told.num_columns
+    check_size(8 * numbers)
     try:
         frame = pd.read_parquet(path)
     except ImportError as error:
         raise ImportError('install pyarrow (pip install "swsysid[parquet]").') from error
     frame = frame.reset_index() if frame.index.name else frame
-    units, columns = {}, {}
+    units, columns, starts = {}, {}, {}
     for name, column in frame.items():
         if column.dtype.kind in "mM":
-            column = (column - column.dropna().iloc[0]).dt.total_seconds()
+            first = column.dropna().iloc[0]
+            if column.dtype.kind == "M":
+                starts[str(name)] = first.timestamp()
+            column = (column - first).dt.total_seconds()
             units[str(name)] = "s"
         if pd.api.types.is_numeric_dtype(column):
             whole = column.dtype.kind in "iu"  # a column with missing values is none
@@ -141,11 +159,12 @@ def _read_parquet(path: Path, missing: Sequence[str]) -> Table:
             columns[str(name)] = held_exactly(numbers)
         else:
             columns[str(name)] = column.to_numpy(dtype=object, na_value="")
-    return Table(path.name, columns, units)
+    return Table(path.name, columns, units, starts=starts)
 
 
 def _npz_columns(path: Path) -> Columns:
     """Names and columns of an archive; ValueError if it holds Python objects."""
+    check_zip(path)
     # numpy leaves a file open that is none of its own
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for name in archive:
@@ -168,6 +187,7 @@ def _matlab_columns(path: Path) -> Columns:
     """
     from scipy.io import loadmat
 
+    check_matlab(path)
     try:
         content = loadmat(path, simplify_cells=True)
     except NotImplementedError as error:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._rendering.printing import text_table
-from swsysid._tables.formats import DATABASES, read_tables
-from swsysid._tables.table import Table, TableError
+from swsysid._tables.several import (
+    Joined,
+    ReadColumn,
+    columns_read,
+    joined,
+    read_files,
+    runs_among,
+)
+from swsysid._tables.table import TableError
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 Array = NDArray[np.float64]
-_CLOCKS = ("t", "time", "t_s", "time_s", "Time", "timestamp")  # taken for the time if none is named
 
 
 class ReadRecording(TypedDict, total=False):
@@ -29,31 +31,6 @@ class ReadRecording(TypedDict, total=False):
     t: Array
     x: DataFrame
     inputs: DataFrame
-
-
-@dataclass(frozen=True)
-class ReadColumn:
-    """Where a channel came from.
-
-    Attributes
-    ----------
-    run : int
-        The recording, from 0.
-    channel, file, column, unit : str
-        Its name, and the file, the column and the unit that it was read from.
-    rows : int
-        Number of its samples that are there.
-    rate : float
-        Samples in a unit of time.
-    """
-
-    run: int
-    channel: str
-    file: str
-    column: str
-    unit: str
-    rows: int
-    rate: float
 
 
 class ReadRecordings(list[ReadRecording]):
@@ -69,19 +46,7 @@ class ReadRecordings(list[ReadRecording]):
         self.columns = list(columns)
 
     def __str__(self) -> str:
-        told = self.columns
-        return "\n".join(
-            text_table(
-                [
-                    ("run", ">3", [str(one.run) for one in told]),
-                    ("channel", "<8", [one.channel for one in told]),
-                    ("unit", "<6", [one.unit for one in told]),
-                    ("rows", ">6", [str(one.rows) for one in told]),
-                    ("rate", ">8", [f"{one.rate:.6g}" for one in told]),
-                    ("file", "", [f"{one.file}: {one.column}" for one in told]),
-                ]
-            )
-        )
+        return columns_read(self.columns)
 
 
 def read_recordings(
@@ -95,18 +60,20 @@ def read_recordings(
 ) -> ReadRecordings:
     r"""Read files as the recordings that `fit` takes.
 
-    Where every file has all the columns, each is a run. Where the columns are spread over the
-    files, these are channels of one run: on one clock, or each on its own; a state then has no
-    value (NaN) at the times of the others, and nothing is interpolated. Inputs are needed at every
-    time. Of the files of loggers (MDF, TDMS, HDF5, MATLAB 7.3, ULog, ROS bags, MCAP, COMTRADE, CAN)
-    each group of channels keeps its own instants in the same way; results of Modelica tools are
-    read by their names, and an FMU is run by FMPy.
+    Where every file has all the columns, each is a run, and so is each group of a file that has
+    them all under the same names. Where the columns are spread over the files, these are channels
+    of one run: on one clock, or each on its own; a state then has no value (NaN) at the times of
+    the others, and nothing is interpolated. Inputs are needed at every time. Of the files of
+    loggers (MDF, TDMS, HDF5, MATLAB 7.3, ULog, ROS bags, MCAP, COMTRADE, CAN) each group of
+    channels keeps its own instants in the same way; results of Modelica tools are read by their
+    names, and an FMU is run by FMPy. Dates in several files of one run are one clock; clocks that
+    have nothing in common are refused.
 
     Parameters
     ----------
     paths : str, path or sequence of them
-        Files, or patterns such as ``"runs/*.csv"``, whose files are taken in the order of the
-        numbers in their names. The database of a CAN bus (.dbc) is named with its logs.
+        Files, folders, or patterns such as ``"runs/*.csv"``, whose files are taken in the order of
+        the numbers in their names. The database of a CAN bus (.dbc) is named with its logs.
     states, inputs : sequence of str
         Columns.
     time : str, default=None
@@ -141,153 +108,34 @@ def read_recordings(
     >>> print(str(runs).splitlines()[1])
       0 x                    2        2 run2.csv: x
     """
-    wanted = [*states, *inputs]
     if not states:
         raise TableError("states names no column; name those of the states.")
-    found = _found(paths)
-    described = [path for path in found if path.suffix.lower() in DATABASES]
-    files = [read_tables(path, missing, described) for path in found if path not in described]
-    if not files:
-        raise TableError("paths names the database of a bus and no log; name that too.")
-    files = [[_with_units(table, units or {}) for table in tables] for tables in files]
-    lacking = [_lacking(tables, wanted) for tables in files]
-    if not any(lacking):
-        runs = [_run(number, tables, states, inputs, time) for number, tables in enumerate(files)]
-    elif all(lacking):
-        runs = [_run(0, [table for tables in files for table in tables], states, inputs, time)]
-    else:
-        odd = next(number for number, names in enumerate(lacking) if names)
-        _refuse(files[odd], lacking[odd][0])
-    return ReadRecordings([run for run, _ in runs], [one for _, told in runs for one in told])
-
-
-def _found(paths: str | Path | Sequence[str | Path]) -> list[Path]:
-    """The files of all paths and patterns."""
-    listed = [paths] if isinstance(paths, str | Path) else list(paths)
-    if not listed:
-        raise TableError("paths is empty; name the files of the recordings.")
-    found: list[Path] = []
-    for one in map(str, listed):
-        if Path(one).exists() or not any(sign in one for sign in "*?["):
-            found.append(Path(one))
-            continue
-        names = sorted(glob(one, recursive=True), key=_by_numbers)
-        if not names:
-            raise TableError(f"no file is called like {one}.")
-        found += map(Path, names)
-    return found
-
-
-def _by_numbers(name: str) -> list[tuple[int, int, str]]:
-    """The order in which run2 comes before run10."""
-    parts = re.split(r"(\d+)", name)
-    return [(1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts]
-
-
-def _with_units(table: Table, units: Mapping[str, str]) -> Table:
-    for name in units:
-        if _has(table, name):
-            column = table.resolve(name)
-            table = table.replaced(column, table.columns[column], units[name])
-    return table
-
-
-def _has(table: Table, name: str) -> bool:
-    try:
-        table.resolve(name)
-    except TableError:
-        return False
-    return True
-
-
-def _lacking(tables: Sequence[Table], names: Sequence[str]) -> list[str]:
-    """The columns that no table has."""
-    return [name for name in names if not any(_has(table, name) for table in tables)]
-
-
-def _refuse(tables: Sequence[Table], name: str) -> NoReturn:
-    listed = ", ".join(
-        f"{column} [{table.unit(column)}]" if table.unit(column) else column
-        for table in tables
-        for column in table.columns
+    wanted = [*states, *inputs]
+    runs = [
+        joined(number, tables, wanted, time)
+        for number, tables in enumerate(runs_among(read_files(paths, units, missing), wanted))
+    ]
+    return ReadRecordings(
+        [_recording(run, states, inputs) for run in runs], [one for run in runs for one in run.told]
     )
-    raise TableError(f"{tables[0].source} has no column {name!r}; its columns are: {listed}.")
 
 
-def _run(
-    number: int,
-    tables: Sequence[Table],
-    states: Sequence[str],
-    inputs: Sequence[str],
-    time: str | None,
-) -> tuple[ReadRecording, list[ReadColumn]]:
-    """One run of one file, or of several with a part of its channels each."""
+def _recording(run: Joined, states: Sequence[str], inputs: Sequence[str]) -> ReadRecording:
+    """The frames of states and inputs; an input that lacks a value is refused."""
     from pandas import DataFrame
 
-    columns, clocks, told = [], [], []
-    for name in (*states, *inputs):
-        having = [table for table in tables if _has(table, name)]
-        if len(having) != 1:
-            if not having:
-                _refuse(tables, name)
-            raise TableError(
-                f"several files have a column {name!r} ({', '.join(t.source for t in having)}); "
-                "give files that are runs of their own, or channels of one run."
-            )
-        [table] = having
-        clock = _clock(table, time)
-        t, values = table.spelled([name]).numbers([clock, name]).T
-        columns.append(values)
-        clocks.append(t)
-        there = np.isfinite(values)
-        lasted = float(np.ptp(t[there])) if there.sum() > 1 else 0.0
-        rate = float((there.sum() - 1) / lasted) if lasted else 0.0
-        own = table.resolve(name)
-        told.append(
-            ReadColumn(number, name, table.source, own, table.unit(own), int(there.sum()), rate)
-        )
-    same = all(len(t) == len(clocks[0]) and (t == clocks[0]).all() for t in clocks)
-    t = clocks[0] if same else np.unique(np.concatenate(clocks))
-    if not same:
-        columns = [_placed(t, own, values) for own, values in zip(clocks, columns, strict=True)]
     x, u = (
-        DataFrame(dict(zip(names, own, strict=True)), dtype=float)
-        for names, own in ((states, columns[: len(states)]), (inputs, columns[len(states) :]))
+        DataFrame({name: run.columns[name] for name in names}, dtype=float)
+        for names in (states, inputs)
     )
-    run = ReadRecording(t=t, x=x)
-    if inputs:
-        run["inputs"] = u
-        missing = u.isna().to_numpy()
-        if missing.any() and not same:
-            name = inputs[int(missing.any(axis=0).argmax())]
-            raise TableError(
-                f"the input {name!r} has no value at {int(missing.any(axis=1).sum())} "
-                "of the times of other channels, and inputs are needed at every time; resample it "
-                "to all of them, as it is held."
-            )
-    return run, told
-
-
-def _placed(t: Array, own: Array, values: Array) -> Array:
-    """Values on a clock of their own among all times, NaN at the others."""
-    placed = np.full(len(t), np.nan)
-    placed[np.searchsorted(t, own)] = values
-    return placed
-
-
-def usual_clock(table: Table) -> str | None:
-    """The column that has a usual name of the time, if there is one."""
-    return next((name for name in _CLOCKS if _has(table, name)), None)
-
-
-def _clock(table: Table, time: str | None) -> str:
-    if time is not None:
-        if not _has(table, time):
-            _refuse([table], time)
-        return time
-    if (usual := usual_clock(table)) is not None:
-        return usual
-    raise TableError(
-        f"{table.source} has no column called t or time; name the one of the times. Its columns "
-        f"are: {table.listing()}."
-    )
+    if not inputs:
+        return ReadRecording(t=run.t, x=x)
+    missing = u.isna().to_numpy()
+    if missing.any() and not run.one_clock:
+        name = inputs[int(missing.any(axis=0).argmax())]
+        raise TableError(
+            f"the input {name!r} has no value at {int(missing.any(axis=1).sum())} "
+            "of the times of other channels, and inputs are needed at every time; resample it "
+            "to all of them, as it is held."
+        )
+    return ReadRecording(t=run.t, x=x, inputs=u)

@@ -37,6 +37,11 @@ class Table:
     # The row of the file in which each row stands, counted from 1; None where that is 1, 2, 3, ...
     rows: NDArray[np.intp] | None = None
     remarks: tuple[str, ...] = ()  # what reading had to do or to leave out
+    # The first time of columns that were dates or times of the day, in s since 1970 or midnight.
+    starts: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    states: tuple[str, ...] = ()  # columns that the file itself calls states
+    # Of several files below each other, their names and the numbers before those of their rows.
+    files: tuple[tuple[int, str], ...] = ()
 
     def resolve(self, name: str) -> str:
         """The column called `name`, with or without its bracketed unit and its struct."""
@@ -113,7 +118,7 @@ class Table:
             )
         if not columns:
             return np.empty((0, 0))
-        return np.column_stack([column.astype(float) for column in columns.values()])
+        return np.array(list(columns.values()), dtype=float).T
 
     def _not_numeric(self, name: str, column: NDArray) -> str:
         odd = [
@@ -136,9 +141,11 @@ class Table:
             f"{cell!r}; {hint}. Its columns are: {self.listing()}."
         )
 
-    def row(self, k: int) -> int:
+    def row(self, k: int) -> int | str:
         """The row of the file that row `k` of the table stands in, counted from 1."""
-        return k + 1 if self.rows is None else int(self.rows[k])
+        number = k + 1 if self.rows is None else int(self.rows[k])
+        before = [(first, name) for first, name in self.files if first < number]
+        return f"{number - before[-1][0]} of {before[-1][1]}" if before else number
 
     def labels(self, name: str) -> NDArray:
         """A column of any type, such as the names of trajectories."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import codecs
 import io
-import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,13 @@ from swsysid._tables.cells import MISSING, column_of, held_exactly, is_missing
 from swsysid._tables.layout import COMMENTS, WHITE, Layout, layout_of, split_row
 from swsysid._tables.table import Table
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 # Share of damaged rows above which the layout itself was not understood.
 DAMAGED = 0.01
+_PART = 100_000  # characters of the beginning and of the end that tell a layout: a thousand rows
+_BEGINS = frozenset("0123456789+-.")  # the first sign of most rows
 _MARKS = {  # UTF-32 before UTF-16, whose mark it begins with
     codecs.BOM_UTF8: "utf-8-sig",
     codecs.BOM_UTF32_LE: "utf-32",
@@ -54,21 +59,35 @@ def table_of_text(source: str, text: str, missing: Sequence[str] = ()) -> Table:
     >>> table.columns["speed"], table.unit("speed"), table.row(0)
     (array([1.5, nan]), 'm/s', 4)
     """
-    lines = re.split(r"\r\n|\r|\n", text)
-    layout = layout_of(lines)
-    kept, remarks = _rows_of_data(lines, layout)
+    if "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
     words = {word.strip().lower() for word in missing}
-    columns, units = {}, dict(zip(layout.names, layout.units, strict=True))
-    frame = _frame([lines[k] for k in kept], layout, words)
+    known = _regular(text)
+    kept: Sequence[int]
+    remarks: list[str] = []
+    if known is None:
+        lines = text.split("\n")
+        layout = layout_of(lines)
+        kept, unusual, remarks = _rows_of_data(lines, layout)
+        delimiter, widest = layout.delimiter, len(layout.names)
+        if delimiter != WHITE:
+            widest = max([widest, *(lines[k].count(delimiter) + 1 for k in unusual)])
+        frame = _frame("\n".join([lines[k] for k in kept]), 0, widest, layout, words)
+    else:
+        layout, frame = known
+        kept = range(layout.first, layout.first + len(frame))
+    columns, starts, units = {}, {}, dict(zip(layout.names, layout.units, strict=True))
     for k, name in enumerate(layout.names):
-        column, unit = _column(frame[k], layout, words)
+        column, unit, start = _column(frame[k], layout, words)
         if not name and column.dtype.kind == "f" and np.isnan(column).all():
             continue  # what a delimiter at the end of every row leaves
         columns[name or f"column{k + 1}"] = column
         units[name] = unit or units[name]
+        if start is not None:
+            starts[name] = start
     units = {name: unit for name, unit in units.items() if name and unit}
     told = (*_told(layout), *remarks)
-    return Table(source, columns, units, np.asarray(kept) + 1, told)
+    return Table(source, columns, units, np.asarray(kept) + 1, told, starts=starts)
 
 
 def _told(layout: Layout) -> tuple[str, ...]:
@@ -83,22 +102,20 @@ def _told(layout: Layout) -> tuple[str, ...]:
     return (f"{'; '.join(parts).capitalize()}.",) if parts else ()
 
 
-def _rows_of_data(lines: list[str], layout: Layout) -> tuple[list[int], list[str]]:
-    """Numbers of the lines that hold data, and sentences on those that do not."""
+def _rows_of_data(lines: list[str], layout: Layout) -> tuple[list[int], list[int], list[str]]:
+    """Numbers of the lines that hold data, of the unusual ones among them, and what is said."""
+    odd = _unusual(lines, layout)
     header = {lines[k].strip() for k in range(layout.header, layout.first)}
-    filled = [
-        k
-        for k in range(layout.first, len(lines))
-        if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS)
-    ]
+    filled = [k for k in odd if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS)]
     repeated = [k for k in filled if lines[k].strip() in header]
     below = [k for k in filled if lines[k].strip() not in header]
     damaged = [k for k in below if not _is_whole(lines[k], layout)]
-    if len(damaged) > DAMAGED * len(below):
+    number = len(lines) - layout.first - len(odd) + len(below)
+    if len(damaged) > DAMAGED * number:
         cells = len(split_row(lines[damaged[0]], layout.delimiter))
         raise ValueError(
             f"its row {damaged[0] + 1} has {cells} cells and its header {len(layout.names)} "
-            f"names; {counted(len(damaged), 'row')} of {len(below)} do not fit the header."
+            f"names; {counted(len(damaged), 'row')} of {number} do not fit the header."
         )
     sentences = []
     if repeated:
@@ -106,7 +123,23 @@ def _rows_of_data(lines: list[str], layout: Layout) -> tuple[list[int], list[str
     if damaged:
         listed, count = rows_listed(k + 1 for k in damaged), counted(len(damaged), "row")
         sentences.append(f"Left out as damaged: {listed} ({count}).")
-    return sorted(set(below) - set(damaged)), sentences
+    kept = sorted(set(below) - set(damaged))
+    left_out = set(odd) - set(kept)
+    rows = range(layout.first, len(lines))
+    return [k for k in rows if k not in left_out] if left_out else list(rows), kept, sentences
+
+
+def _unusual(lines: list[str], layout: Layout) -> list[int]:
+    """Lines that do not begin as a number, or have quotes or another number of cells."""
+    bare = enumerate(map(str.strip, lines[layout.first :]), layout.first)
+    delimiter, width = layout.delimiter, len(layout.names)
+    if delimiter == WHITE:
+        return [k for k, line in bare if line[:1] not in _BEGINS or len(line.split()) != width]
+    return [
+        k
+        for k, line in bare
+        if not line or line[0] not in _BEGINS or line.count(delimiter) != width - 1 or '"' in line
+    ]
 
 
 def _is_whole(line: str, layout: Layout) -> bool:
@@ -116,36 +149,62 @@ def _is_whole(line: str, layout: Layout) -> bool:
     columns nobody can tell which of the cells are missing.
     """
     white, width = layout.delimiter == WHITE, len(layout.names)
-    if not white and '"' not in line and line.count(layout.delimiter) + 1 == width:
-        return True  # most rows, and the cells need not be parted
     cells = split_row(line, layout.delimiter)
     if len(cells) >= width:
         return all(map(is_missing, cells[width:]))
     return not white and layout.is_data(cells)
 
 
-def _frame(lines: list[str], layout: Layout, words: set[str]):
-    """The cells, numbers where pandas finds a whole column of them."""
+def _regular(text: str) -> tuple[Layout, DataFrame] | None:
+    """The layout and the cells of a file whose rows are all alike, all of numbers; None of others.
+
+    Its beginning and its end tell the layout, and the cells prove it: what is missing, and words,
+    leave a column that is no number; rows that are longer than the names make pandas take their
+    first cells for an index, or fail.
+    """
+    from pandas import RangeIndex
+
+    if '"' in text:
+        return None
+    end = len(text.rstrip("\n"))
+    head, tail = text[:_PART], text[max(end - _PART, _PART) : end]
+    lines = [*head.split("\n")[: None if len(text) <= _PART else -1], *tail.split("\n")[1:]]
+    try:
+        layout = layout_of(lines)
+        frame = _frame(text, layout.first, len(layout.names), layout, None)
+    except ValueError:  # of pandas: a row is longer than the first one
+        return None
+    is_whole = len(frame) == text.count("\n", 0, end) + 1 - layout.first
+    is_whole = is_whole and isinstance(frame.index, RangeIndex)
+    numbers = all(kind.kind in "fiu" for kind in frame.dtypes)
+    return (layout, frame) if is_whole and numbers else None
+
+
+def _frame(text: str, first: int, width: int, layout: Layout, words: set[str] | None) -> DataFrame:
+    """The cells from a line on, numbers where pandas finds a whole column of them.
+
+    Without words for missing values nothing is missing.
+    """
     import pandas as pd
 
-    gaps, widest = MISSING | words, len(layout.names)
-    if layout.delimiter != WHITE:
-        widest = max(widest, *(line.count(layout.delimiter) + 1 for line in lines))
+    gaps = set() if words is None else MISSING | words
     return pd.read_csv(
-        io.StringIO("\n".join(lines)),
+        io.BytesIO(text.encode()),
         sep=layout.delimiter,
         decimal=layout.decimal,
         header=None,
-        names=list(range(widest)),
+        names=list(range(width)),
+        skiprows=first,
         na_values=[form(word) for word in gaps for form in (str, str.upper, str.title)],
         keep_default_na=False,
+        na_filter=words is not None,
         skipinitialspace=True,
         low_memory=False,
     )
 
 
-def _column(cells, layout: Layout, words: set[str]) -> tuple[NDArray, str]:
+def _column(cells, layout: Layout, words: set[str]) -> tuple[NDArray, str, float | None]:
     if cells.dtype.kind in "fiub":
-        return held_exactly(cells.to_numpy()), ""
+        return held_exactly(cells.to_numpy()), "", None
     texts = ["" if cell is None or cell != cell else str(cell) for cell in cells]
     return column_of(texts, layout.decimal, lambda text: text.lower() in words or is_missing(text))

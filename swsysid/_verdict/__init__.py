@@ -11,9 +11,10 @@ other rows, its recordings, and which are held out. Data out: `SwitchingVerdict`
 Python and for the command line, which differ in what they call an option.
 
 - `comparison`: what is held out, the errors of all, and what they say;
-- `terms`: the laws that are tried in place of modes; `stretches`: rollouts from the best starts;
-- `held_out`: fits to the other recordings and what they leave (`_automaton_search.held_out` for
-  automata); `rows`: the same of rows with velocities; `memory`: a guard that remembers;
+- `terms`: the laws that are tried in place of modes;
+- `held_out`: fits to the other recordings and what rollouts from the best starts leave
+  (`_automaton_search.held_out` for automata);
+- `rows`: the same of rows with velocities; `memory`: a guard that remembers;
 - `judge`: the laws, the modes judged beside them, and the estimators that ask;
 - `verdict`: what is handed out, with its sentences; `words`: what these are said with.
 """

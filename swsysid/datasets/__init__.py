@@ -16,8 +16,8 @@ from swsysid.datasets._measured import (
 )
 from swsysid.datasets._sources import MeasuredDataError
 from swsysid.datasets._undeclared.make import make_undeclared, undeclared_kinds, unlisted_kinds
+from swsysid.datasets._undeclared.plants import UnlistedEffect
 from swsysid.datasets._undeclared.records import PlantedEffect
-from swsysid.datasets._undeclared.unlisted import UnlistedEffect
 
 __all__ = [
     "MeasuredDataError",

@@ -73,6 +73,9 @@ class Effect(BaseEstimator):
         stead where it explains all but a trifle of the same.
     lowers_nothing : str
         Why a model with it predicts no velocity better; "" if it does.
+    keeps_steps : bool
+        True of what remembers a channel, and keeps its value between two rows where the channel
+        does.
     acts_once : bool
         True of what happens at a time of the record, and says nothing of others.
     prior : ndarray of shape (n_rows, n_terms)
@@ -103,6 +106,7 @@ class Effect(BaseEstimator):
     role: ClassVar[str] = "adds"
     special_cases: ClassVar[frozenset[str]] = frozenset()
     lowers_nothing: ClassVar[str] = ""
+    keeps_steps: ClassVar[bool] = False
     acts_once: ClassVar[bool] = False
 
     @property

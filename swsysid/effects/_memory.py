@@ -33,6 +33,7 @@ class Remembering(OfAChannel):
     terms = ("gain",)
     needs = frozenset({"order"})
     role = "either"
+    keeps_steps = True
 
     def places(self, records: Records) -> Sequence[int]:
         return records.inputs
@@ -43,7 +44,7 @@ class Remembering(OfAChannel):
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         response = partial(self.response, theta[0])
-        return records.along(response, records.channel(place))[:, None]
+        return records.response(response, place)[:, None]
 
 
 class Delay(Remembering):
@@ -75,6 +76,20 @@ class Delay(Remembering):
 
     def response(self, theta: float, t: Array, values: Array) -> Array:
         return np.interp(t - theta, t, values)
+
+    def columns(self, records: Records, place: Place, *theta: float) -> Array:
+        """Of what is held, and so steps between two rows, means from each row to the next."""
+        if place not in records.held:
+            return super().columns(records, place, *theta)
+
+        def mean(t: Array, values: Array) -> Array:
+            ends = np.append(t, t[-1] + records.step)
+            longer = np.append(t[0] - theta[0], ends)
+            steps = np.append(values[:1], values) * np.diff(longer)
+            total = np.interp(ends - theta[0], longer, np.append(0.0, np.cumsum(steps)))
+            return np.asarray(np.diff(total) / np.diff(ends))
+
+        return records.along(mean, records.channel(place))[:, None]
 
     def instants(self, t: Array, *theta: float) -> Array:
         return t + theta[0]
@@ -154,6 +169,7 @@ class Lag(Remembering):
     kind = "lag"
     meaning = "{channel} acts on {target} through a first-order lag (actuator, hidden state)"
     formulas = ("lag({0}, {1})",)
+    keeps_steps = False
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
         longest = max(0.5 * _usual_duration(records), 4 * records.step)

@@ -53,6 +53,13 @@ class PlacedEffect:
         """What tells it from other candidates, nonlinear parameters aside."""
         return (self.effect.kind, self.place, self.target, self.mode, self.replaced)
 
+    @property
+    def channels(self) -> tuple[int, ...]:
+        """Channels that its place names, none if that is something else."""
+        listed = self.place if isinstance(self.place, tuple) else (self.place,)
+        a_channel = all(isinstance(number, (int, np.integer)) for number in listed)
+        return tuple(map(int, listed)) if a_channel else ()
+
     def label(self, names: Sequence[str]) -> str:
         """How its place is called."""
         return self.effect.label(self.place, names)
@@ -281,6 +288,12 @@ class FoundEffect:
 
 
 # -- several ---------------------------------------------------------------------------------------
+
+
+def n_signals(terms: Sequence[PlacedEffect], n_columns: int) -> int:
+    """Number of logged signals that some effects use, beside columns of X."""
+    used = [channel for term in terms for channel in term.channels]
+    return max([0, *(channel + 1 - n_columns for channel in used)])
 
 
 def late_records(

@@ -1,4 +1,4 @@
-"""Identified systems for other tools: SymPy, python-control, CasADi, C, FMI, Modelica.
+"""Identified systems for other tools: SymPy, python-control, CasADi, C, FMI, Modelica, MATLAB.
 
 *Problem.* A model that is a function of Python runs where Python runs; a controller is designed
 elsewhere. *In*: any fitted or stated model. *Out*: formulas, in the language of the tool.

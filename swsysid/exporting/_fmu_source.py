@@ -1,9 +1,9 @@
-"""What the source of a unit has beside its formulas: the interface of FMI 2 for model exchange.
+"""What the source of a unit has beside its formulas: events, and the interface of FMI 2.
 
 The names that begin with ``NAME`` are replaced by that of the model.
 """
 
-INTERFACE = r"""
+EVENTS = r"""
 typedef struct {
     double t, entered, x[NAME_N], u[NAME_U], shift[NAME_E];
     int mode, asked, armed[NAME_E], begun;  /* asked: the mode of the model to start in, -1 any */
@@ -69,13 +69,43 @@ static void NAME_settle(NAME_unit *m)
     }
 }
 
-static double *NAME_place(NAME_unit *m, fmi2ValueReference vr)
+static double NAME_indicator(const NAME_unit *m, int e)
+{
+    if (NAME_source[e] != m->mode) return -1.0;
+    return NAME_value(m, e) + (m->armed[e] ? -m->shift[e] : m->shift[e]);
+}
+
+static void NAME_anew(NAME_unit *m)
+{
+    memset(m, 0, sizeof *m);
+    memcpy(m->x, NAME_origin, NAME_STATES * sizeof *m->x);
+    m->asked = NAME_first;
+}
+
+static int NAME_begin(NAME_unit *m)
+{
+    m->mode = NAME_start(m->x, m->u, m->t, m->asked);
+    if (m->mode < 0) return -1;
+    m->entered = m->t;
+    m->begun = 1;
+    NAME_enter(m);
+    return 0;
+}
+
+static int NAME_mode_now(const NAME_unit *m)
+{
+    return m->begun ? m->mode : NAME_start(m->x, m->u, m->t, m->asked);
+}
+
+static double *NAME_place(NAME_unit *m, unsigned vr)
 {
     if (vr < NAME_STATES) return m->x + vr;
     vr -= 2 * NAME_STATES;
     return vr < NAME_INPUTS ? m->u + vr : NULL;
 }
+"""
 
+FMI2 = r"""
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 const char *fmi2GetVersion(void) { return fmi2Version; }
 
@@ -93,10 +123,7 @@ void fmi2FreeInstance(fmi2Component c) { free(c); }
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
-    NAME_unit *m = c;
-    memset(m, 0, sizeof *m);
-    memcpy(m->x, NAME_origin, NAME_STATES * sizeof *m->x);
-    m->asked = NAME_first;
+    NAME_anew(c);
     return fmi2OK;
 }
 
@@ -112,13 +139,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) { (void)c; return fmi2OK
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
-    NAME_unit *m = c;
-    m->mode = NAME_start(m->x, m->u, m->t, m->asked);
-    if (m->mode < 0) return fmi2Error;
-    m->entered = m->t;
-    m->begun = 1;
-    NAME_enter(m);
-    return fmi2OK;
+    return NAME_begin(c) ? fmi2Error : fmi2OK;
 }
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
@@ -172,12 +193,7 @@ fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n)
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n)
 {
-    NAME_unit *m = c;
-    for (size_t e = 0; e < n; e++) {
-        z[e] = -1.0;
-        if (NAME_source[e] == m->mode)
-            z[e] = (NAME_value(m, (int)e) + (m->armed[e] ? -m->shift[e] : m->shift[e]));
-    }
+    for (size_t e = 0; e < n; e++) z[e] = NAME_indicator(c, (int)e);
     return fmi2OK;
 }
 
@@ -196,7 +212,7 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
         double dx[NAME_N] = {0};
         if (place) { value[k] = *place; continue; }
         if (vr[k] >= 2 * NAME_STATES) return fmi2Error;
-        NAME_rhs(m->begun ? m->mode : NAME_start(m->x, m->u, m->t, m->asked), m->x, m->u, m->t, dx);
+        NAME_rhs(NAME_mode_now(m), m->x, m->u, m->t, dx);
         value[k] = dx[vr[k] - NAME_STATES];
     }
     return fmi2OK;
@@ -217,7 +233,7 @@ fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t
                           fmi2Integer value[])
 {
     NAME_unit *m = c;
-    int mode = m->begun ? m->mode : NAME_start(m->x, m->u, m->t, m->asked);
+    int mode = NAME_mode_now(m);
     for (size_t k = 0; k < n; k++)
         value[k] = vr[k] == NAME_ASKED ? m->asked : mode < 0 ? -1
                    : vr[k] == NAME_ASKED + 1 ? NAME_label[mode] : mode;

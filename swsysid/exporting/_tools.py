@@ -13,6 +13,7 @@ from swsysid.exporting._c import c_source
 from swsysid.exporting._casadi import CasadiSystem, casadi_system
 from swsysid.exporting._control import nonlinear_system
 from swsysid.exporting._fmu import write_fmu
+from swsysid.exporting._matlab import matlab_source
 from swsysid.exporting._modelica import modelica_source
 from swsysid.exporting._sympy import SymbolicSystem, symbolic
 from swsysid.exporting._system import HybridSystem
@@ -212,8 +213,43 @@ class ToOtherTools:
         source = modelica_source(self.to_hybrid_system(), _named(path, name), x0, mode)
         write_text(path, source)
 
-    def to_fmu(self, path: str | Path, name: str | None = None) -> None:
-        """Write a functional mock-up unit for FMI 2 model exchange, as source code.
+    def to_matlab(self, path: str | Path, name: str | None = None) -> None:
+        """Write one MATLAB function, which GNU Octave runs too.
+
+        It gives a struct of functions: the laws (``rhs``), guards and resets, an event function as
+        ``odeset`` takes it (``events``), and ``simulate``, which locates events by itself.
+
+        Parameters
+        ----------
+        path : str or path
+            ``NAME.m``: MATLAB calls a function by the name of its file.
+        name : str, default=None
+            Of the function; None is the name of the file.
+
+        Raises
+        ------
+        NoFormulaError
+            If a part of the model is no formula, or in discrete time.
+        OSError
+            If the file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from swsysid import HybridAutomaton
+        >>> ball = HybridAutomaton.stated(
+        ...     [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.8 v"})], states=["h", "v"]
+        ... )
+        >>> path = Path(tempfile.mkdtemp()) / "ball.m"
+        >>> ball.to_matlab(path)
+        >>> "y(2) = -0.8*x(2);" in path.read_text()
+        True
+        """
+        write_text(path, matlab_source(self.to_hybrid_system(), _named(path, name)))
+
+    def to_fmu(self, path: str | Path, name: str | None = None, *, fmi_version: int = 2) -> None:
+        """Write a functional mock-up unit for model exchange, as source code.
 
         It holds no binary and needs no Python: the importer compiles ``sources/model.c``. Guards
         are event indicators with the hysteresis that the standard asks for. ``mode_start`` is
@@ -226,11 +262,15 @@ class ToOtherTools:
             Usually ends in ``.fmu``.
         name : str, default=None
             Of the model; None is the name of the file.
+        fmi_version : {2, 3}, default=2
+            Version of the standard.
 
         Raises
         ------
         NoFormulaError
             If a part of the model is no formula, or in discrete time.
+        ValueError
+            If there is no such version.
         OSError
             If the file cannot be written.
 
@@ -247,7 +287,7 @@ class ToOtherTools:
         >>> zipfile.ZipFile(path).namelist()
         ['modelDescription.xml', 'sources/model.c']
         """
-        write_fmu(self.to_hybrid_system(), path, _named(path, name))
+        write_fmu(self.to_hybrid_system(), path, _named(path, name), fmi_version)
 
 
 def _named(path: str | Path, name: str | None) -> str:

@@ -14,6 +14,7 @@ start are poor, segments of them, each with an initial state of its own, come fi
 cannot run away. Rollouts and their derivatives are those of the engine for recordings (`_stays`).
 """
 
+from swsysid.refinement._experiment import Suggestion, suggest_experiment
 from swsysid.refinement._refine import initial_states, refine
 from swsysid.refinement._result import RefinementResult
 from swsysid.refinement._stated import ParametricLibrary, StatedModel, StatedSurface
@@ -23,6 +24,8 @@ __all__ = [
     "RefinementResult",
     "StatedModel",
     "StatedSurface",
+    "Suggestion",
     "initial_states",
     "refine",
+    "suggest_experiment",
 ]

@@ -18,12 +18,14 @@ from swsysid._stays.rollouts import modes_at
 from swsysid.refinement._parameters import (
     Parametrization,
     ParametrizedPlant,
+    System,
     fitted_and_free,
+    grid_of,
     output_of,
+    substeps_for,
 )
 from swsysid.refinement._result import RefinementResult, robust_covariance
 from swsysid.refinement._stated import StatedModel
-from swsysid.refinement._system import System, grid_of, substeps_for
 from swsysid.refinement._trajectories import (
     Observed,
     Recording,
@@ -214,6 +216,14 @@ class Estimation:
     def initial_states(self, max_nfev: int) -> Array:
         """Initial states of whole rollouts of the given model, (n_records, n_states)."""
         return self._fitted(self._begun(self._whole), max_nfev).starts
+
+    def told(self) -> tuple[Array, Array]:
+        """Slopes and misfits of whole rollouts of the given model, their starts eliminated.
+
+        In units of the noise, (n_residuals, n_parameters) and (n_residuals,).
+        """
+        whole = self._begun(self._whole)
+        return whole.slopes_of_parameters, whole.without_starts(whole.misfit[:, None])[:, 0]
 
     def _starts_poorly(self, whole: Rollouts) -> bool:
         """True if whole rollouts of the given model are worse than the mean of the channels."""

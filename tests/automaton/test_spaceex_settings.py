@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton
-from swsysid._automaton.spaceex_settings import read_settings
+from swsysid._automaton.spaceex import read_settings
 
 HEAD = '<sspaceex xmlns="http://www-verimag.imag.fr/xml-namespaces/sspaceex" version="0.2">'
 

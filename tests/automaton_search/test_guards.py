@@ -1,5 +1,7 @@
 """Guards from switches whose place is known: by hand, planted, and in other units."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -39,6 +41,22 @@ def test_a_plane_is_found_with_the_columns_that_it_needs(normal, used):
     at = np.array([[0.3, -0.2, 0.5]])
     np.testing.assert_allclose(found.guard.values(at), at @ normal - 0.7, atol=1e-9)
     assert found.miss < 1e-9
+
+
+def test_guards_without_a_clock_are_known_when_it_begins_elsewhere():
+    data, solved = planted([2.0, 0.0, 0.0], 0.7), {}
+    first = best_guard(data, 1, solved=solved)
+    count = len(solved)
+    assert best_guard(data, 1, solved=solved) == first and len(solved) == count == 7
+    columns, beside = data.columns.copy(), data.beside.copy()
+    columns[:, 2] += 0.5
+    beside[:, 2] += 0.5
+    moved = replace(data, columns=columns, beside=beside)
+    again = best_guard(moved, 1, solved=solved)
+    assert len(solved) == count + 4  # those of the third column alone, with one other, with both
+    alone = best_guard(moved, 1)
+    np.testing.assert_array_equal(again.guard.coef, alone.guard.coef)
+    assert again.cost == alone.cost
 
 
 def test_a_circle_needs_degree_two():

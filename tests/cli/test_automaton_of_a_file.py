@@ -52,6 +52,7 @@ def test_a_thermostat_is_found_judged_and_saved(file, tmp_path, capsys):
         (["--quick"], "goes without --diagnose and --quick"),
         (["--diagnose"], "goes without --diagnose and --quick"),
         (["--derivatives", "run"], "takes recorded states alone"),
+        (["--known", "T'[u] = 1"], "the terms are 1, T"),
     ],
 )
 def test_what_an_automaton_cannot_be_found_with_is_said(file, wishes, said, capsys):

@@ -91,6 +91,7 @@ def test_a_csv_becomes_equations_surface_error_model_and_picture(recording, tmp_
         "identification.txt",
         "model.json",
         "phase_portrait.png",
+        "report.html",
     ]
     model = load_model(tmp_path / "out" / "model.json")
     assert "mode 0 where x < " in text and "mode 1 where x > " in text  # words for the surface
@@ -164,7 +165,6 @@ def test_the_same_seed_gives_the_same_text(recording, tmp_path, capsys):
         (["absent.csv", "--states", "x", "--time", "t"], "There is no file absent.csv"),
         (["FILE"], "Name the states with --states; the columns are: t, x, v, run"),
         (["FILE", "--states", "y", *NAMES], "has no column 'y'.*columns are: t, x, v, run"),
-        (["FILE", "--states", "x", "v"], "--time t"),
         (["FILE", "--states", "x", "--inputs", "word", *NAMES], "no column 'word'"),
         (["FILE", "--states", "x", "v", "--derivatives", "v"], "1 derivatives are named; name 2"),
         (["FILE", "--states", "x", *NAMES, "--modes", "none"], "--modes 'none' is neither"),
@@ -183,6 +183,13 @@ def test_bad_input_gets_one_sentence_and_exit_code_2(arguments, sentence, tmp_pa
     assert main([path if word == "FILE" else word for word in arguments]) == 2
     error = capsys.readouterr().err
     assert re.search(sentence, error) and error.startswith("swsysid: ") and error.count("\n") == 1
+
+
+def test_times_of_no_usual_name_are_asked_for(tmp_path, capsys):
+    columns = oscillator(n_runs=1, duration=2.0)
+    path = write_csv(tmp_path / "runs.csv", {"tick": columns["t"], "x": columns["x"]})
+    assert main([path, "--states", "x"]) == 2
+    assert "name the column of the times (--time t)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -230,7 +237,7 @@ HEAVY = ("sklearn", "scipy", "cvxpy", "pysindy", "statsmodels", "matplotlib", "j
         (["--help"], 0, "usage: python -m swsysid"),
         (["--version"], 0, f"swsysid {swsysid.__version__}"),
         (["--sates", "x"], 2, "--sates is no option. Did you mean --states?"),
-        (["one.csv", "two.csv"], 2, "'two.csv' belongs to no option"),
+        (["one.csv", "--order", "2", "two.csv"], 2, "'two.csv' belongs to no option"),
         (["absent.csv", "--states", "x"], 2, "There is no file absent.csv"),
         (["FILE", "--states", "spede"], 2, "no column 'spede'. Did you mean 'speed'?"),
         (["FILE", "--states", "speed", "--time", "speed"], 2, "'speed' is named twice"),

@@ -162,7 +162,7 @@ def test_what_is_known_holds_and_is_asked(tmp_path, capsys):
     assert "Known: v'[v] = -0.3: the data would rather have v'[v] = -0.2" in text
     for wrong, said in (
         (["v'[u] = 1"], "the terms are 1, x, v"),
-        (["x' = x", "--automaton"], "goes"),
+        (["x' = x", "--diagnose"], "goes"),
     ):
         assert main([*arguments, *wrong]) == 2
         assert said in capsys.readouterr().err

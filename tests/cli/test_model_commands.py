@@ -72,14 +72,18 @@ def test_predict(folder):
 
 
 @pytest.mark.parametrize(("to", "words"), [
-    ("c", b"int ball_step("), ("fmu", b"PK"), ("modelica", b"reinit("), ("sympy", b"mode 0 -> 0"),
+    ("c", b"int ball_step("), ("fmu --fmi-version 3", b"buildDescription"),
+    ("fmu", b"PK"), ("modelica", b"reinit("), ("sympy", b"mode 0 -> 0"),
+    ("matlab", b"function model = ball()"),
 ])  # fmt: skip
 def test_export(folder, to, words):
     if to == "sympy":
         pytest.importorskip("sympy")
     place = folder[0]
     out = place / "ball.out"
-    assert main(["export", str(place / "ball.json"), "--to", to, "--output", str(out)]) == 0
+    assert (
+        main(["export", str(place / "ball.json"), "--to", *to.split(), "--output", str(out)]) == 0
+    )
     assert words in out.read_bytes()
 
 
@@ -103,8 +107,12 @@ def test_show(folder, capsys):
      "goes back in time: give the rows of one run"),
     (["predict", "ball.json", "rows.csv"], "use simulate"),
     (["predict", "model.json", "inputs.csv"], "has no column 'x'"),
-    (["export", "nothing.json", "--to", "c", "--output", "a.c"], "nothing.json"),
-    (["export", "ball.json", "--to", "c", "--output", "no/folder/a.c"], "no/folder"),
+    (["export", "nothing.json", "--to", "c", "--output", "a.c"],
+     "There is no file nothing.json."),
+    (["show", "nofile.json"], "There is no file nofile.json."),
+    (["show", "."], ". cannot be used: is a directory."),
+    (["export", "ball.json", "--to", "c", "--output", "no/folder/a.c"],
+     "There is no folder no/folder."),
 ])  # fmt: skip
 def test_refusals_are_one_sentence(folder, given, words, monkeypatch, capsys):
     monkeypatch.chdir(folder[0])

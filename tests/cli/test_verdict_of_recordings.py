@@ -12,8 +12,8 @@ from swsysid._cli.text import render
 from swsysid._data.recordings import Record
 from swsysid._tables.table import Table
 from swsysid._verdict.comparison import Verdict, certainty
+from swsysid._verdict.held_out import Stretches
 from swsysid._verdict.settings import JUDGING
-from swsysid._verdict.stretches import Stretches
 from swsysid._verdict.words import distrust
 from swsysid.refinement import StatedModel, StatedSurface
 

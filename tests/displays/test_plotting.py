@@ -259,6 +259,13 @@ def test_rollout_of_one_feature_is_drawn_over_time(model):
     assert display.ax_[0].get_xlabel() == "time (s)"
 
 
+def test_rollout_tells_the_unit_of_the_times(model):
+    t, X = np.arange(10.0), np.tile([1.0, -0.5], (10, 1))
+    for units, label in (({"time": "min"}, "time (min)"), ({"x0": "m"}, "time (s)")):
+        display = RolloutDisplay.from_estimator(model, X, t, features=[1], units=units)
+        assert [ax.get_xlabel() for ax in display.ax_] == [label, label]
+
+
 def test_rollout_draws_states_only(model):
     X = np.zeros((5, 3))
     with pytest.raises(ValueError, match="name one or two of the states x0, x1"):

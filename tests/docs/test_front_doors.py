@@ -96,7 +96,9 @@ def test_parc_is_shown_as_it_is_run():
 def test_the_citation_names_this_version_and_the_paper():
     citation = yaml.safe_load(_text("CITATION.cff"))
     assert citation["version"] == swsysid.__version__
-    assert citation["license"] == tomllib.loads(_text("pyproject.toml"))["project"]["license"]
+    # the package's own, and that of the library in its pages
+    packed = tomllib.loads(_text("pyproject.toml"))["project"]["license"]
+    assert packed == f"{citation['license']} AND MIT"
     (paper,) = citation["references"]
     page = _text("docs/citing.md")
     assert paper["title"] in page

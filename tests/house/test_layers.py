@@ -15,14 +15,15 @@ PACKAGE = Path(swsysid.__file__).parent
 
 # A folder is a layer, and so is a file at the top: it imports from itself and from those before it.
 LAYERS = """
-_checks _rendering _results _ties _whole_or_nothing _noise _data _tables exporting
+_checks _rendering _results _ties _whole_or_nothing _journal _noise _data _checkpoints _tables
+exporting
 differentiation metrics
 _known _solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding
 _identification _simulation _automaton weak_form _free_rollouts _regressor uncertainty _stays
 refinement _verdict _trajectory_identifier
 _discrete_stays _automaton_search _automaton_regressor _effect_model
 _effect_regressor datasets
-_displays _residual_report _output_error _effect_search
+_displays _recording_page _residual_report _output_error _effect_search
 _saving diagnosis plotting report results __init__ _cli __main__
 """.split()
 MAX_LINES = 400

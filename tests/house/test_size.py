@@ -17,58 +17,76 @@ PACKAGE = Path(swsysid.__file__).parent
 SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
            for path in PACKAGE.rglob("*.py")}  # fmt: skip
 # Up to the next ten; `top` are the files beside the rooms. What grew of late, and for what:
-# - models are written for other tools (`exporting`); each kind of them says itself in formulas
-#   (`_simulation`, `_automaton`, `_effect_model`, `refinement`; a method in `top` and
-#   `_effect_search`), and the command line works with saved ones (`_cli`);
+# - models are written for other tools (`exporting`: MATLAB, the interfaces of FMI 2 and 3); each
+#   kind of them says itself in formulas (`_simulation`, `_automaton`, `_effect_model`,
+#   `refinement`; a method in `top` and `_effect_search`), and the command line works with saved
+#   ones (`_cli`);
 # - several files, and those of loggers, simulators, robots, relays and buses, are recordings
-#   (`_tables`, a file for each format);
+#   (`_tables`, a file for each format), in one command too: runs below each other in one table,
+#   channels of several files on one clock (`_tables/several, together`; their columns, `_cli`),
+#   bounds of what files unpack to (`_tables/bounds`), regular text at the speed of pandas;
 # - what is known of laws is read and is one set of linear constraints (`_known`), which the descent
 #   of recordings meets and whose sentences it tests (`_stays`, `top`), and the convex programs of
 #   rows, their modes and equations joined (`_losses`, `_identification`);
 #   automata are held to it and ask it (`_automaton_search`), and reports name what it contradicts;
+#   sentences that say the same in part are asked as a group, and what distorts the modes beside an
+#   identification without it (`_known`, `_stays`);
 # - guards have several conditions (`_automaton`, with the settings of SpaceEx models;
 #   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
 # - modes that a lag remembers are parted (`_discrete_stays/relations`, a file), and free rollouts
 #   choose between two descriptions in discrete time (`_automaton_search/sampled`);
 # - many recordings are worked where they are (`_data`), each condensed to what it says of laws and
 #   surfaces (`_stays`, `top`), and what inputs do between rows is said to identifiers (`top`);
+# - a page shows what a model makes of recordings (`_recording_page`; `_cli` writes it, and answers
+#   the page that runs in a browser), and a plane the columns that decide the mode (`_displays`);
+# - long work goes on where it was stopped: a journal of steps, and what it is a journal of (`top`);
+#   a line for each function whose calls are steps, and what is best until now (`_cli`, `_stays`,
+#   `_automaton_search`, `_effect_search`, `_output_error`, `_identification`, `_discrete_stays`);
+# - inputs keep their value until the next row in searches too: in columns, nodes and rollouts
+#   (`_data`, `effects`, `_output_error`, `_stays`), which is chosen in `_effect_search`;
+# - affine laws step as exactly as recordings ask, all steps of one length at once, so that long
+#   recordings need no finer steps, and trials of stays end where they are refuted (`_stays`);
+#   guards' programs that did not change are not solved again (`_automaton_search`);
+# - which recording would tell most is simulated beforehand (`refinement`);
+# - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`).
 MOST_LINES = {
-    "_automaton": 3310,
-    "_automaton_search": 5370,
+    "_automaton": 3270,
+    "_automaton_search": 5450,
     "_checks": 600,
-    "_cli": 3880,
-    "_data": 2320,
+    "_cli": 4120,
+    "_data": 2340,
     "datasets": 2510,
     "differentiation": 1610,
-    "_discrete_stays": 2210,
-    "_displays": 1590,
-    "_effect_model": 2410,
-    "_effect_search": 9050,
-    "effects": 3950,
-    "exporting": 2710,
+    "_discrete_stays": 2200,
+    "_displays": 1610,
+    "_effect_model": 2370,
+    "_effect_search": 9160,
+    "effects": 3980,
+    "exporting": 3400,
     "_free_rollouts": 840,
-    "_identification": 2830,
-    "_known": 1150,
-    "_losses": 900,
+    "_identification": 2850,
+    "_known": 1230,
+    "_losses": 930,
     "metrics": 720,
-    "_output_error": 2240,
-    "refinement": 1720,
+    "_output_error": 2270,
+    "_recording_page": 490,
+    "refinement": 1950,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2350,
     "_saving": 720,
     "_seeding": 1360,
-    "_simulation": 1880,
+    "_simulation": 1870,
     "_solvers": 1290,
-    "_stays": 9260,
+    "_stays": 9440,
     "_surfaces": 2310,
-    "_tables": 1900,
-    "_verdict": 1720,
-    "top": 3560,
+    "_tables": 2400,
+    "_verdict": 1700,
+    "top": 4040,
 }
-MOST_FILES = 421  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
-MOST_SETTINGS = 381
+MOST_FILES = 420  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
+MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
 

@@ -61,7 +61,10 @@ def test_vector_fields_are_those_of_another_solver(loss, soft):
         for s in (0, 1)
     ]  # fmt: skip
     start = np.zeros((2, 2, 3))
-    found = least_within(loss, blocks, region.steps(start, np.ones(start.shape, bool)))
+    steps = region.steps(start, np.ones(start.shape, bool))
+    found = least_within(loss, blocks, steps)
+    near = least_within(loss, blocks, steps, found + 0.1)  # a start changes no least
+    np.testing.assert_allclose(near, found, atol=1e-6)
     found = found.reshape(start.shape)
     left = Xdot - np.einsum("im,msf,if->is", membership, found, features)
     # Clarabel is 1e-8 off, Weiszfeld's turns 1e-9
@@ -119,6 +122,8 @@ def test_what_makes_no_sense_is_refused():
         SwitchingSystemRegressor(known="v' has no w").fit(X, Xdot)
     with pytest.raises(ValueError, match="exclude each other"):
         SwitchingSystemRegressor(known="x' = v", coef_bound=3.0).fit(X, Xdot)
+    with pytest.raises(ValueError, match="leaves modes nothing to differ in"):
+        SwitchingSystemRegressor(known=["x' = v", "v' same in all modes"]).fit(X, Xdot)
     many = np.zeros((60_000, 2)) + np.arange(60_000)[:, None]
     with pytest.raises(ValueError, match="known holds for up to"):
         SwitchingSystemRegressor(known="x0' = x1").fit(many, many)

@@ -103,6 +103,10 @@ def test_coefficients_that_others_tell_are_fixed():
         (["v'[x] <= 0", "v'[x] >= 1e-3"], "contradicts itself"),
         (["1 <= v'[x] <= 0"], "excludes every law"),
         (["v'[x] + v'[v] = 1", "v'[v] = 0.5", "v'[x] <= 0.4"], '"v\'[x] <= 0.4"'),
+        (
+            ["x'[v] = 3", "x'[v] = 4", "v'[1] = 0", "v'[x] = 1", "v'[1] + v'[x] = 5"],
+            'itself: "x\'[v] = 3" and "x\'[v] = 4" cannot',
+        ),
         (["w' = v"], "names the equation w', which there is not; the equations are x', v'"),
         (["x' = w"], "names the term w, which there is not; the terms are 1, x, v, u"),
     ],
@@ -120,7 +124,8 @@ def test_what_cannot_hold_is_refused_with_the_smallest_set(sentences, said):
         "", "hello", "x' =", "x' = v'[x]", "v'[x] = u", "v' has no", "v' has only others",
         "v'[] <= 1", "same in all modes", "a = b", "1 <= 2", "__import__('os')", "v'[x] == 3",
         "v' in mode 1 has no u", "v'[x] < y", "v'[x] +", "2 v' same in all modes", "x has no v",
-        "1 <= v' <= 2", None, 5,
+        "1 <= v' <= 2", None, 5, "v'[x] >= 1e999", "0 <= v'[x] <= inf",
+        "v'[x] >= 1 and v'[x] <= 0",
     ],
 )  # fmt: skip
 def test_what_is_no_sentence_is_refused_in_one(text):
@@ -152,3 +157,34 @@ def test_it_never_changes_and_is_a_parameter_like_others():
     assert clone(TrajectoryIdentifier(known=known)).known == known
     assert repr(known) == 'Known.from_text(["v\'[x] = 1"])'
     assert eval(repr(known)) == known
+
+
+@pytest.mark.parametrize(
+    ("sentences", "beside"),
+    [
+        (["x'[v] = 2", "v'[v] <= 0", "x' = 2 v"], (2,)),
+        (["x'[x] = 0", "x'[x] same in all modes"], (1,)),
+        (["x'[x] same in all modes", "v'[x] = 1", "x'[x] = 0"], (2,)),
+        (["v'[x] <= 0", "-1 <= v'[x] <= 0", "v'[x] <= 1"], (1,)),  # of those that are reached
+        (["v'[x] + v'[v] = 1", "v'[x] = 0.5", "v'[v] = 0.5", "x'[u] = 0"], (2,)),
+        (["v'[x] = 0", "v'[v] = 0"], ()),
+    ],
+)
+def test_sentences_that_say_the_same_in_part_are_as_few_as_can_be(sentences, beside):
+    own = region(*sentences)
+    coef = own.nearest(np.zeros(own.names.shape), np.ones(own.names.shape, bool), np.eye(16))
+    assert own.beside(0, coef, np.ones(coef.shape, bool)) == beside
+
+
+@pytest.mark.parametrize(
+    ("sentences", "one"),
+    [
+        (["x' same in all modes", "v' same in all modes"], True),
+        (["x' = v", "v' same in all modes"], True),
+        (["x' = v", "v' = 2 x"], True),
+        (["x' = v", "v'[x] same in all modes"], False),
+    ],
+)
+def test_modes_that_cannot_differ_are_seen(sentences, one):
+    assert region(*sentences).is_of_one_law == one
+    assert not region(*sentences, n_modes=1).is_of_one_law

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
-from swsysid._output_error.candidates import is_sought
+from swsysid._output_error.scan import is_sought
 from swsysid.effects import CoulombFriction, UnknownFunction, all_effects
 
 

@@ -3,12 +3,14 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import chi2
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
 from swsysid._effect_search.contributions import beside_conventions
+from swsysid._effect_search.recorded import RecordedOutcome
+from swsysid._output_error.engines import fitted, left_of, scores
 from swsysid._output_error.law import Law
-from swsysid._output_error.regression import fitted, left_of, scores
 from swsysid._output_error.stretches import Stretches
 from swsysid.effects import CoulombFriction, InputCoupling, PlacedEffect, QuadraticDrag
 
@@ -139,3 +141,18 @@ def test_shares_that_a_constant_may_have_do_not_widen_what_is_told():
     assert mean @ told @ mean == pytest.approx(mean[1:5] @ alone @ mean[1:5], rel=1e-3)
     assert told[4, 4] == pytest.approx(alone[3, 3], rel=1e-3) and told[5, 5] == 7.0
     assert np.sqrt(told[2, 2]) < 0.05
+
+
+def test_the_chance_of_no_coefficient_is_that_of_least_squares():
+    law, stretches = quantity()
+    terms = [PlacedEffect(CoulombFriction(), 1, 0), PlacedEffect(QuadraticDrag(), 1, 0)]
+    fit = fitted(law.beside(terms), stretches)
+    outcome = RecordedOutcome(None, None, None, None, (), (), ())
+    friction, drag = outcome.chance_of_none(fit, stretches)
+    columns = fit.law.columns(stretches.seen)[stretches.rows]
+    # the noise is white, so that every sample counts: Wald's test by hand
+    errors = fit.noise[0] * np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+    by_hand = chi2.sf((fit.law.coef[0] / errors) ** 2, 1)[-2:]
+    assert friction < 1e-16
+    # the memory of what is left is told by samples, and is 1 to some hundredths
+    assert drag == pytest.approx(by_hand[1], abs=0.05)

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from swsysid._data.records import make_records
-from swsysid._output_error.candidates import Candidate
 from swsysid._output_error.engines import RATES
 from swsysid._output_error.estimate import fitted
 from swsysid._output_error.law import Law
-from swsysid._output_error.scan import RolloutScore, scores, shortlist
+from swsysid._output_error.scan import Candidate, RolloutScore, scores, shortlist
 from swsysid._output_error.search import Search
 from swsysid._output_error.stretches import Stretches
 from swsysid.effects import Bias, PlacedEffect, Polynomial, QuadraticDrag

@@ -46,7 +46,7 @@ def test_values_that_no_motion_reaches_are_not_measured():
     stretches = of(make_records(X, 2, t=records.t, names=["q", "v"]))
     assert np.argwhere(stretches.gross).tolist() == [[500, 0]]
     assert stretches.records.X[500, 0] == pytest.approx(X[[499, 501], 0].mean())
-    nodes = stretches.nodes(np.zeros((len(records), 0)))
+    nodes = stretches.nodes(np.zeros((len(records), 0)), np.zeros(0, dtype=bool))
     assert np.count_nonzero(np.isnan(nodes.y)) == 1
 
 

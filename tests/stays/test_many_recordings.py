@@ -10,7 +10,7 @@ import pytest
 from dask_cluster import executed, two_workers
 
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
-from swsysid._data.many_recordings import many_recordings
+from swsysid._data.recordings import many_recordings
 from swsysid._stays.condensed import Shared
 from swsysid.refinement import StatedModel, StatedSurface
 

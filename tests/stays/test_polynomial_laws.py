@@ -1,7 +1,10 @@
 """Affine laws step as all laws do, without asking their features."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from swsysid import FunctionLibrary
 from swsysid._data.features import FeatureMap
@@ -78,6 +81,40 @@ def test_the_flow_of_one_mode_is_a_step_with_its_own_coefficients(numbers, libra
         largest = np.abs(expected).max(axis=(0, 1))
         assert (np.abs(by_state - expected[:N_STATES]) <= 2e-5 * largest).all()
         assert (np.abs(by_law - expected[own]) <= 2e-5 * largest).all()
+
+
+@pytest.mark.parametrize("order", [4, 8])
+def test_steps_that_last_equally_long_are_those_of_any_length(numbers, order):
+    affine = replace(laws(numbers, 1)[0], order=order)
+    _, x, _, u, after, duration = step_of(numbers, 0)
+    equal = np.full(N_ROWS, 0.3)
+    ends, by_state, by_law = affine.flow(1, x, u, after, equal)
+    assert by_state.shape[2] == 1
+    # beside a step of another length each of them is worked by itself
+    wide = (np.concatenate([part, part[:1]]) for part in (x, u, after))
+    others = affine.flow(1, *wide, np.append(equal, 0.2))
+    np.testing.assert_allclose(ends, others[0][:-1], rtol=1e-12)
+    for own, other in ((by_state, others[1]), (by_law, others[2])):
+        np.testing.assert_allclose(np.broadcast_to(own, other[..., :-1].shape), other[..., :-1],
+                                   rtol=1e-9, atol=1e-13)  # fmt: skip
+
+
+def test_a_step_of_high_order_is_the_exponential(numbers):
+    affine, _ = laws(numbers, 1)
+    modes, x, _, u, _, duration = step_of(numbers, 0)
+    errors = []
+    for own in affine.sharper:
+        found = own.step(modes, x, u, u, duration)
+        exact = []
+        for mode, state, held, h in zip(modes, x, u, duration, strict=True):
+            whole = np.zeros((N_STATES + 1, N_STATES + 1))
+            whole[:-1] = np.column_stack(
+                [own._parts[0][mode], own._parts[1][mode] @ held + own._parts[2][mode]]
+            )
+            exact.append((expm(h * whole) @ np.append(state, 1.0))[:-1])
+        errors.append(np.abs(found - exact).max())
+    # two orders more: (A h)^2 / 30 and less, and the products A h are .4 at most
+    assert errors[1] < errors[0] / 100.0 and errors[2] < errors[1] / 100.0
 
 
 def test_other_libraries_keep_their_features(numbers):

@@ -8,11 +8,10 @@ from scipy.optimize import least_squares
 
 from swsysid._data.recordings import Record
 from swsysid._results import Array
-from swsysid._stays.chains import along
 from swsysid._stays.laws import Laws
 from swsysid._stays.output_error import OutputError, Parts, Sensor
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.rollouts import nowhere
+from swsysid._stays.rollouts import along, nowhere
 
 TIMES, STARTS = np.linspace(0.0, 2.0, 21), np.array([[3.0, 1.0], [1.0, 2.0]])
 

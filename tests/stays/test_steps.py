@@ -14,7 +14,8 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective, recombined
 from swsysid._stays.nodes import Nodes
-from swsysid._stays.recordings import Recordings, in_exact_steps
+from swsysid._stays.polynomial_laws import AffineLaws
+from swsysid._stays.recordings import Recordings, durations, in_exact_steps, sharp_enough
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.stays import Stays
 from swsysid.refinement import StatedModel, StatedSurface
@@ -63,6 +64,26 @@ def test_no_step_is_shorter_than_needed():
     # (dt)^5 / 120 a step; ten of .02 gather 3e-10
     assert in_exact_steps(decaying(0.02), DECAY, np.array([0.01]), SETTINGS).first_step == 1.0
     assert in_exact_steps(decaying(2.0), DECAY, np.array([0.01]), SETTINGS).per_sample > 1
+
+
+def test_laws_that_can_be_stepped_more_exactly_need_no_finer_steps():
+    affine = AffineLaws(DECAY.coef, DECAY.features, DECAY.spread, DECAY.free, np.ones((1, 1), int))
+    recordings, noise = decaying(2.0), np.array([1e-3])
+    sharp = sharp_enough(affine, recordings, noise, SETTINGS)
+    assert in_exact_steps(recordings, affine, noise, SETTINGS).per_sample > 1
+    assert sharp.order > affine.order
+    assert in_exact_steps(recordings, sharp, noise, SETTINGS).per_sample == 1
+    assert sharp_enough(affine, decaying(0.02), noise, SETTINGS).order == affine.order
+    # other laws are what they are
+    assert sharp_enough(DECAY, recordings, noise, SETTINGS) is DECAY
+
+
+def test_steps_that_differ_by_the_rounding_of_times_last_equally_long():
+    t = 0.1 * np.arange(100_000)
+    assert len(np.unique(np.diff(t))) > 1
+    assert len(np.unique(durations(t))) == 1
+    t[500] += 1e-9
+    np.testing.assert_array_equal(durations(t)[498:502] != durations(t)[0], [0, 1, 1, 0])
 
 
 def crossing() -> tuple[Estimate, Objective]:

@@ -76,6 +76,17 @@ def test_a_false_visit_goes_and_a_wrong_mode_is_another(tooth):
     assert told.nodes.stays[0].modes.tolist() == [rises, falls, rises]
 
 
+def test_trials_that_loose_ties_refute_would_not_have_been_taken(tooth):
+    rises, falls = np.argsort(-tooth.estimate.laws.coef[:, 0, 0])
+    visited = with_stays(tooth, [rises, falls, rises, falls, rises], [4.03, 4.21, 10.0, 12.0])
+    told = [
+        retold(visited, tooth.reached.noise, settings, np.full((2, 2), PRICE)).nodes.stays[0]
+        for settings in (SETTINGS, replace(SETTINGS, hopeless=np.inf))  # all of them to the end
+    ]
+    np.testing.assert_array_equal(told[0].modes, told[1].modes)
+    np.testing.assert_array_equal(told[0].instants, told[1].instants)
+
+
 def test_a_rare_switch_surprises_more():
     stays = [Stays(np.array([0, 1, 0, 1, 0, 2, 0]), np.arange(1.0, 7.0))]
     surprise = surprise_of_switches(stays)

@@ -164,3 +164,18 @@ def test_a_margin_is_certified_for_surfaces_of_pairs():
 def test_bad_books_get_a_sentence(book, sentence):
     with pytest.raises(ValueError, match=sentence):
         check_book(book, 2)
+
+
+def test_labels_pay_for_a_surface_for_each_pair():
+    """Two conics are wrong on 2 % of three sectors, which a surface a pair separates.
+
+    Labels drawn at random pay for nothing: no surface of either kind knows them.
+    """
+    X, fresh = square(3000), square(20_000, seed=1)
+    few = PolynomialSurfaceClassifier(mode_book=[[-1, -1], [-1, 1], [1, -1]])
+    chosen = PolynomialSurfaceClassifier().fit(X, sectors(X))
+    assert len(chosen.coef_) == 3
+    assert chosen.score(fresh, sectors(fresh)) > 0.996  # 1 - twice the seeds' worst error
+    assert few.fit(X, sectors(X)).score(fresh, sectors(fresh)) < 0.99
+    chance = np.random.default_rng(2).integers(3, size=600)
+    assert len(PolynomialSurfaceClassifier().fit(X[:600], chance).coef_) == 2

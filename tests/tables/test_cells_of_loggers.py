@@ -51,7 +51,7 @@ def test_bytes_of_an_archive_are_words(tmp_path):
     ],
 )
 def test_durations_are_seconds(cells, seconds):
-    values, unit = column_of(cells)
+    values, unit, _ = column_of(cells)
     np.testing.assert_allclose(values, seconds, rtol=1e-12, atol=1e-12)
     assert unit == "s"
 

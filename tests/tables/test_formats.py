@@ -88,17 +88,36 @@ def _ros(path):
         folder.rename(path)
 
 
+def _ros_1(path):
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = "std_msgs/msg/Float64"
+    with Writer(path) as bag:
+        links = [bag.add_connection(topic, kind, typestore=store) for topic in ("/x", "/v")]
+        for t, *values in np.transpose([T, X, V]).tolist():
+            for link, value in zip(links, values, strict=True):
+                raw = store.serialize_ros1(store.types[kind](value), kind)
+                bag.write(link, 1_700_000_000 * 10**9 + int(t * 1e9), raw)
+
+
 def _comtrade(path):
     """Eight samples a second; the second channel is skewed by 125 us."""
-    path.with_suffix(".dat").write_text(
-        "".join(f"{k + 1},,{round(x * 64)},{round(v * 8)},{k % 2}\n"
-                for k, (x, v) in enumerate(zip(X, V, strict=True)))
-    )  # fmt: skip
-    path.write_text(
+    data = "".join(f"{k + 1},,{round(x * 64)},{round(v * 8)},{k % 2}\n"
+                   for k, (x, v) in enumerate(zip(X, V, strict=True)))  # fmt: skip
+    described = (
         "station,1,1999\n3,2A,1D\n1,x,,,m,0.015625,0,0,-32767,32767,1,1,P\n"
         "2,v,,,m/s,0.125,0,125,-32767,32767,1,1,P\n1,on,,,0\n50\n1\n8,8\n"
         "01/01/2024,00:00:00.000000\n01/01/2024,00:00:00.000000\nASCII\n1\n"
     )
+    if path.suffix == ".cff":
+        described = described.replace("1999", "2013").replace("ASCII\n1\n", "ASCII\n1\n0,0\n0,0\n")
+        parts = ("CFG", described), ("INF", ""), ("HDR", ""), ("DAT ASCII", data)
+        path.write_text("".join(f"--- file type: {kind} ---\n{text}" for kind, text in parts))
+        return
+    path.with_suffix(".dat").write_text(data)
+    path.write_text(described)
 
 
 DBC = """VERSION ""
@@ -125,6 +144,10 @@ def _bus(path):
             for moment, number, data in ((t, 16, body), (t + 0.0625, 17, rate)):
                 log(can.Message(timestamp=1000.0 + moment, arbitration_id=number, data=data,
                                 is_extended_id=False))  # fmt: skip
+
+
+def _unit(path):
+    HybridAutomaton.stated([{"T": "-0.5 T"}], states=["T"]).to_fmu(path)
 
 
 @pytest.mark.parametrize("layout", ["binTrans", "binNormal"])
@@ -155,7 +178,9 @@ def test_results_of_dymola_beside_another_reader():
     (_ulog, "flight.ulg", ["state.x", "rate.v[1]"], 1e-5),
     (_ros, "run.mcap", ["rig.at.point.x", "v.data"], 0.0),
     (_ros, "bag", ["rig.at.point.x", "v.data"], 0.0),
-    (_comtrade, "relay.cfg", ["x", "v"], 1.25e-4),
+    (_ros_1, "old.bag", ["x.data", "v.data"], 0.0),
+    (_comtrade, "relay.cfg", ["x", "v"], 1.25e-4), (_comtrade, "relay.cff", ["x", "v"], 1.25e-4),
+    (_bus, "drive.trc", ["x", "v"], 0.0625),
     (_bus, "drive.blf", ["x", "Rate.v"], 0.0625), (_bus, "drive.asc", ["x", "v"], 0.0625),
     (_bus, "drive.log", ["x", "v"], 0.0625),
 ])  # fmt: skip
@@ -199,7 +224,8 @@ def test_a_unit_is_run_and_read(tmp_path):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(("write", "name"), [
     (_modelica, "plant.mat"), (_ulog, "flight.ulg"), (_ros, "run.mcap"), (_comtrade, "relay.cfg"),
-    (_bus, "drive.blf"),
+    (_comtrade, "relay.cff"), (_ros_1, "old.bag"), (_bus, "drive.blf"), (_bus, "drive.asc"),
+    (_bus, "drive.trc"), (_unit, "plant.fmu"),
 ])  # fmt: skip
 def test_cut_foreign_and_missing_files_are_one_sentence(write, name, tmp_path):
     write(tmp_path / name)

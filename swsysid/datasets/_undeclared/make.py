@@ -14,10 +14,15 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid.datasets._generated import MOST_ROWS, check_disturbance, disturbed
 from swsysid.datasets._undeclared.kinds import KINDS
-from swsysid.datasets._undeclared.plants import PLANTS
+from swsysid.datasets._undeclared.plants import (
+    PLANTS,
+    UNLISTED,
+    UnlistedEffect,
+    channels_of,
+    strange,
+)
 from swsysid.datasets._undeclared.records import Plant, PlantedEffect
 from swsysid.datasets._undeclared.simulation import Planted, Run, Sizing, campaign
-from swsysid.datasets._undeclared.unlisted import UNLISTED, UnlistedEffect, channels_of, strange
 
 _GAP = 10  # samples from the end of a trajectory to the begin of the next
 
