@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, clone
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
-from swsysid._automaton_search.doubts import untold_switches
+from swsysid._automaton_search.doubts import strays, untold_switches
 from swsysid._automaton_search.guards import GuardTerms
 from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid._automaton_search.judged import rollout_score
@@ -240,7 +240,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         Warns
         -----
         GuardWarning
-            If the switches of a transition happen where no guard tells.
+            If the switches of a transition happen where no guard tells, or if free rollouts leave
+            a recording of the fit by more than three times its noise: at which transition, or in
+            which mode, they do.
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
@@ -382,7 +384,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         held = hold_sentences(found.automaton.feature_map.names_in, self.input_holds_, given)
         asked = self.n_modes, self.max_modes
         self.report_ = AutomatonReport.of(found, *asked, given.n_samples, held)
-        if told := untold_switches(found):
+        if told := untold_switches(found) or strays(found):
             warnings.warn(told, GuardWarning, stacklevel=4)
 
     @property
