@@ -23,7 +23,7 @@ from swsysid._data.trajectories import places_along
 from swsysid._known.known import check_known
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
-from swsysid._results import GuardWarning
+from swsysid._results import GuardWarning, MisfitWarning
 from swsysid._stays.given import Given, read_given
 from swsysid._stays.input_holds import hold_sentences, holds_of
 from swsysid._stays.search import check_order
@@ -240,9 +240,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         Warns
         -----
         GuardWarning
-            If the switches of a transition happen where no guard tells, or if free rollouts leave
-            a recording of the fit by more than three times its noise: at which transition, or in
-            which mode, they do.
+            If the switches of a transition happen where no guard tells.
+        MisfitWarning
+            If free rollouts leave a recording of the fit by more than three times its noise: at
+            which transition, or in which mode, most do.
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
@@ -384,8 +385,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         held = hold_sentences(found.automaton.feature_map.names_in, self.input_holds_, given)
         asked = self.n_modes, self.max_modes
         self.report_ = AutomatonReport.of(found, *asked, given.n_samples, held)
-        if told := untold_switches(found) or strays(found):
+        if told := untold_switches(found):
             warnings.warn(told, GuardWarning, stacklevel=4)
+        elif told := strays(found):
+            warnings.warn(told, MisfitWarning, stacklevel=4)
 
     @property
     def _fitted(self) -> HybridAutomaton:

@@ -325,9 +325,11 @@ class _RolledOut:
         time, transition, what = float(t[first]), "", ""
         if self.course.switches is not None:
             time, transition, what = self.pairs.blamed(time, self.course.step)
-        mode = int(self.modes[min(first, len(self.modes) - 1)])
-        until = np.flatnonzero(self.modes[first:] != mode)
-        stay = self.left[first : first + int(until[0]) if until.size else None, channel]
+        # a sample that counts: those before may be on either side of a switch
+        seen = first + int(np.argmax(~np.isnan(self.left[first:, channel])))
+        mode = int(self.modes[min(seen, len(self.modes) - 1)])
+        until = np.flatnonzero(self.modes[seen:] != mode)
+        stay = self.left[seen : seen + int(until[0]) if until.size else None, channel]
         return Break(
             recording=self.course.label,
             channel=channels[channel],
