@@ -190,8 +190,10 @@ class TimeInterval(Effect):
         """The channel, or 1, while it acts, (n_samples,)."""
         assert records.t is not None
         rows, answer = self._acting(records, place), np.zeros(len(records))
-        t, width = records.t[rows], records.step
-        begun = [np.clip((t - instant) / width + 0.5, 0.0, 1.0) for instant in theta]
+        t, half = records.t[rows], 0.5 * records.step
+        # a row is worth the time about it, of which none lies before the first or after the last
+        early, late = np.maximum(t - half, t[:1]), np.minimum(t + half, t[-1:])
+        begun = [np.clip((late - instant) / (late - early), 0.0, 1.0) for instant in theta]
         acts = sum(begun[::2], np.zeros(len(rows))) - sum(begun[1::2], np.zeros(len(rows)))
         answer[rows] = acts if level else acts * self._values(records, place)[rows]
         return answer
