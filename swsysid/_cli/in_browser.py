@@ -18,7 +18,7 @@ _RUNS = ("run", "trajectory", "group", "recording", "experiment")
 
 
 def columns_of(path: str) -> str:
-    """The columns of a file, each with what it probably is: ``time``, ``groups`` or nothing.
+    r"""The columns of a file, each with what it probably is: ``time``, ``groups`` or nothing.
 
     Examples
     --------
