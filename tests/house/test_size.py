@@ -47,7 +47,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - affine laws step as exactly as recordings ask, all steps of one length at once, so that long
 #   recordings need no finer steps, and trials of stays end where they are refuted (`_stays`);
 #   guards' programs that did not change are not solved again (`_automaton_search`);
-# - which recording would tell most is simulated beforehand (`refinement`);
+# - which recording would tell most is simulated beforehand (`refinement`), whose segments hold the
+#   surface;
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
 # - what free rollouts of most recordings go wrong at is named, and warned of where an automaton
@@ -73,7 +74,7 @@ MOST_LINES = {
     "metrics": 720,
     "_output_error": 2270,
     "_recording_page": 490,
-    "refinement": 1950,
+    "refinement": 1960,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2350,
