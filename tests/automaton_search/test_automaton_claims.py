@@ -229,6 +229,7 @@ def test_noise_that_differs_by_recording_is_no_missing_term_and_hides_none(cubic
         )
     ]
     with warnings.catch_warnings(record=True) as named:
+        warnings.simplefilter("always")
         report = HybridAutomatonRegressor(1, random_state=0).fit(runs).report_
     assert ["the law of mode 0 leaves" in str(one.message) for one in named] == [True] * bool(cubic)
     assert "The noise of x0 differs by recording: 0.01 " in str(report)

@@ -15,6 +15,7 @@ from swsysid import (
     HybridAutomaton,
     HybridAutomatonRegressor,
     IdentificationWarning,
+    MisfitWarning,
     PolynomialSurfaceClassifier,
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
@@ -152,7 +153,8 @@ def test_no_more_modes_are_found_in_discrete_time_than_are_allowed():
         discrete_time=True,
     )
     data, _ = recorded(plant, [([10.0 + 1.7 * k], 0) for k in range(5)], np.arange(100.0))
-    found = HybridAutomatonRegressor(discrete_time=True, max_modes=1).fit(data)
+    with pytest.warns(MisfitWarning, match="all 5 recordings where mode 0 -> 0"):
+        found = HybridAutomatonRegressor(discrete_time=True, max_modes=1).fit(data)
     assert found.n_modes_ == 1
 
 
@@ -329,7 +331,8 @@ def test_rows_that_follow_no_law_are_said():
     for k in range(400):
         rows.append(y)
         y = 0.8 * y + 0.2 + (generator.uniform(-1.0, 1.0) if k % 7 == 0 else 0.0)
-    found = HybridAutomatonRegressor(1, discrete_time=True).fit(np.array(rows)[:, None])
+    with pytest.warns(MisfitWarning, match="the recording where the law of mode 0 leaves"):
+        found = HybridAutomatonRegressor(1, discrete_time=True).fit(np.array(rows)[:, None])
     np.testing.assert_allclose(found.coef_[0, 0], [0.2, 0.8], atol=1e-9)
     assert "14% of the samples follow none of the laws" in str(found.report_)
 
