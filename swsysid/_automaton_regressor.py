@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, clone
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
-from swsysid._automaton_search.doubts import untold_switches
+from swsysid._automaton_search.doubts import strays, untold_switches
 from swsysid._automaton_search.guards import GuardTerms
 from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid._automaton_search.judged import rollout_score
@@ -23,7 +23,7 @@ from swsysid._data.trajectories import places_along
 from swsysid._known.known import check_known
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
-from swsysid._results import GuardWarning
+from swsysid._results import GuardWarning, MisfitWarning
 from swsysid._stays.given import Given, read_given
 from swsysid._stays.input_holds import hold_sentences, holds_of
 from swsysid._stays.search import check_order
@@ -241,6 +241,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         -----
         GuardWarning
             If the switches of a transition happen where no guard tells.
+        MisfitWarning
+            If free rollouts leave a recording of the fit by more than three times its noise: at
+            which transition, or in which mode, most do.
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
@@ -384,6 +387,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.report_ = AutomatonReport.of(found, *asked, given.n_samples, held)
         if told := untold_switches(found):
             warnings.warn(told, GuardWarning, stacklevel=4)
+        elif told := strays(found):
+            warnings.warn(told, MisfitWarning, stacklevel=4)
 
     @property
     def _fitted(self) -> HybridAutomaton:

@@ -32,7 +32,7 @@ class GuardWarning(IdentificationWarning):
 
 
 class MisfitWarning(IdentificationWarning):
-    """The model leaves over a vector field far above the noise (a wrong basin, a missing term)."""
+    """The model leaves far more than the noise (a wrong basin, a missing term, a wrong guard)."""
 
 
 class SolverError(RuntimeError):

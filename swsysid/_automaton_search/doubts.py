@@ -16,6 +16,8 @@ from swsysid._simulation.model import law_equations
 
 # Samples of a stay that show the law of its mode: fewer are a slope, and two make up any curve.
 _FEW = 10
+# Of the noise, what free rollouts of the recordings that a model was made from may leave of one.
+_FAR = 3.0
 
 
 def imitates(found: IdentifiedAutomaton) -> bool:
@@ -40,6 +42,20 @@ def untold_switches(found: IdentifiedAutomaton) -> str:
         "lag or a hidden state. Search for effects of one law (EffectSearchCV), or record the "
         "signal that triggers them, at a higher rate."
     )
+
+
+def strays(found: IdentifiedAutomaton) -> str:
+    """What is said of an automaton that leaves its own recordings by itself, "" if it does not.
+
+    Where it does so as a motion does whose start is not known, or that noise drives, that is no
+    proof against it.
+    """
+    rollouts = found.rollouts
+    driven = found.noises is not None and found.noises.drives
+    far = bool((rollouts.left_of_each > _FAR).any() and rollouts.breaks)  # else by a few outliers
+    if driven or rollouts.hangs_on_start or not far:
+        return ""
+    return f"By itself the automaton leaves {rollouts.strays}; report_ says more."
 
 
 def doubts_of(found: IdentifiedAutomaton, asked: int | str, most: int) -> Iterator[str]:

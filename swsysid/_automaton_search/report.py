@@ -163,8 +163,9 @@ def _judgement(found: IdentifiedAutomaton) -> str:
         left = "What the laws leave counts as noise"
     if not (rollouts.holds or found.verdicts):
         return (
-            f"{left} from one sample to the next; free rollouts leave the recordings: a law is "
-            "off, or the state jumps and is seen to do so too seldom."
+            f"{left} from one sample to the next; by itself the automaton leaves "
+            f"{rollouts.strays or 'the recordings'}: a law is off, or the state jumps and is seen "
+            "to do so too seldom."
         )
     if rollouts.holds and rollouts.tells_switches:
         if not found.verdicts:
@@ -183,6 +184,7 @@ def _judgement(found: IdentifiedAutomaton) -> str:
             "start is known, as those of a chaotic motion do."
         )
     return (
-        f"{left} where they are told when to switch; by itself the automaton goes another way: a "
-        "guard or a law is off, or a transition is missing."
+        f"{left} where they are told when to switch; by itself the automaton "
+        f"{f'leaves {own}' if (own := rollouts.strays) else 'goes another way'}: a guard or a law "
+        "is off, or a transition is missing."
     )

@@ -9,6 +9,7 @@ begin is a martingale of mean one), which sets h.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,46 @@ VARIANCE = 2.0
 # Squares of a sample count up to here: one outlier, or a sample on the wrong side of a jump,
 # is no break, which takes at least half a dozen.
 _MOST_SQUARES = 9.0
+
+
+@dataclass(frozen=True)
+class Break:
+    """Where a free rollout leaves the noise.
+
+    Attributes
+    ----------
+    recording : str
+    channel : str
+        The one that leaves it first.
+    time : float
+    follows : float
+        Time from the start of the rollout to there.
+    cause : str
+        What the model's guards do with the last switch before, in words; "" where that is right.
+    ended : str
+        Why the simulation ended there; "" where it went on.
+    mode : int
+        Of the rollout there.
+    transition : str
+        The one that the cause is about, in words.
+    leaves : float
+        Root mean square of what is left of the channel until the rollout switches again.
+    """
+
+    recording: str
+    channel: str
+    time: float
+    follows: float
+    cause: str
+    ended: str
+    mode: int = -1
+    transition: str = ""
+    leaves: float = np.nan
+
+    @property
+    def part(self) -> str:
+        """The transition, or else the mode, that is not right."""
+        return self.transition or f"mode {self.mode}"
 
 
 def first_breaks(

@@ -147,22 +147,22 @@ class Pairs:
                 found |= (t >= first) & (t <= last)
         return found
 
-    def blamed(self, time: float, step: float) -> tuple[float, str]:
-        """What goes wrong with the last switch up to a time, in words, and when.
+    def blamed(self, time: float, step: float) -> tuple[float, str, str]:
+        """When the last switch up to a time goes wrong, which transition it is of, and how.
 
-        The time itself and "" where nothing goes wrong. The time is known to a few steps.
+        The time itself and twice "" where nothing goes wrong. The time is known to a few steps.
         """
         told = [
-            (min(one.time, two.time), f"{one.transition} happens {_off(one, two, step)}")
+            (min(one.time, two.time), one.transition, f"happens {_off(one, two, step)}")
             if abs(two.time - one.time) > step
-            else (one.time, "")
+            else (one.time, "", "")
             for one, two in self.both
         ]
-        told += [(one.time, f"{one.transition} does not happen") for one in self.missing]
-        told += [(one.time, f"{one.transition} happens in the model only") for one in self.extra]
+        told += [(one.time, one.transition, "does not happen") for one in self.missing]
+        told += [(one.time, one.transition, "happens in the model only") for one in self.extra]
         before = [one for one in told if one[0] <= time + _BEGIN * step]
-        last = max(before, default=(time, ""))
-        return last if last[1] else (time, "")
+        last = max(before, default=(time, "", ""))
+        return last if last[1] else (time, "", "")
 
 
 def _off(identified: Switch, rolled_out: Switch, step: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -9,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._free_rollouts.breaks import VARIANCE, first_breaks, leave_more
+from swsysid._free_rollouts.breaks import VARIANCE, Break, first_breaks, leave_more
 from swsysid._free_rollouts.courses import (
     Course,
     Pairs,
@@ -44,32 +45,6 @@ class Simulates(Protocol):
     @property
     def simulate(self) -> Callable[..., Trajectory]:
         """As `HybridAutomaton.simulate`."""
-
-
-@dataclass(frozen=True)
-class Break:
-    """Where a free rollout leaves the noise.
-
-    Attributes
-    ----------
-    recording : str
-    channel : str
-        The one that leaves it first.
-    time : float
-    follows : float
-        Time from the start of the rollout to there.
-    cause : str
-        What the model's guards do with the last switch before, in words; "" where that is right.
-    ended : str
-        Why the simulation ended there; "" where it went on.
-    """
-
-    recording: str
-    channel: str
-    time: float
-    follows: float
-    cause: str
-    ended: str
 
 
 @dataclass(frozen=True)
@@ -139,6 +114,30 @@ class FreeRollouts:
         """The soonest after the start of its rollout; None where all hold."""
         return self.breaks[0] if self.breaks else None
 
+    @property
+    def strays(self) -> str:
+        """Which recordings are left, and what is wrong where most of them are; "" if none is."""
+        if not self.breaks:
+            return ""
+        [(part, count)] = Counter(one.part for one in self.breaks).most_common(1)
+        first = next(one for one in self.breaks if one.part == part)
+        if len(self.recordings) == 1:
+            return f"the recording where {self._wrong(first)} ({_at(first.time, '')})"
+        n_left, n = len(self.breaks), len(self.recordings)
+        left = f"all {n} recordings" if n_left == n else f"{n_left} of {n} recordings"
+        return (
+            f"{left}{f', {count} of them' if count < n_left else ''} where {self._wrong(first)} "
+            f"(recording {first.recording} at {_at(first.time, '')})"
+        )
+
+    def _wrong(self, broken: Break) -> str:
+        if broken.cause or broken.ended:
+            return broken.cause or f"{broken.ended} in mode {broken.mode}"
+        size, unit = broken.leaves, "times the noise"
+        if not self.in_noise:
+            size, unit = 100.0 * _SIZE * size, "% of the spread"
+        return f"the law of mode {broken.mode} leaves {size:.2g} {unit} of {broken.channel}"
+
     def sentence(self, time_unit: str = "") -> str:
         """All of this in one line."""
         sizes = zip(self.channels, self.left, strict=True)
@@ -187,7 +186,7 @@ class FreeRollouts:
             )
         if why or broken.ended:
             return f"{told}: there {broken.ended or why}"
-        return f"{told} and leave it between switches" if self.n_switches else told
+        return f"{told} and leave it in mode {broken.mode}" if self.n_switches else told
 
     def _named(self, label: str) -> str:
         return "the recording" if len(set(self.recordings)) == 1 else f"recording {label}"
@@ -300,6 +299,7 @@ class _RolledOut:
     states: Array  # (n_samples, n_channels), NaN where the rollout has ended
     noise: Array  # of the samples, of the same shape
     left: Array  # in units of the noise; infinite where the rollout has ended
+    modes: NDArray[np.intp]  # of the samples up to where it ends
     pairs: Pairs
     ended: str
 
@@ -316,22 +316,30 @@ class _RolledOut:
         pairs = pairs.inside(record.t[np.isfinite(record.y).any(axis=1)], course.step)
         left[pairs.undecided(record.t, course.step)] = np.nan
         ended = "" if run.status.ok else f"the simulation ends ({run.status.value})"
-        return cls(runs, course, states, scale, left, pairs, ended)
+        return cls(runs, course, states, scale, left, run.modes, pairs, ended)
 
     def broken(self, begins: NDArray[np.intp], channels: Sequence[str]) -> Break:
         """Where it leaves the noise, from the begins of each channel, -1 where it does not."""
         t = self.course.record.t
         first, channel = _soonest(begins)
-        time, cause = float(t[first]), ""
+        time, transition, what = float(t[first]), "", ""
         if self.course.switches is not None:
-            time, cause = self.pairs.blamed(time, self.course.step)
+            time, transition, what = self.pairs.blamed(time, self.course.step)
+        # a sample that counts: those before may be on either side of a switch
+        seen = first + int(np.argmax(~np.isnan(self.left[first:, channel])))
+        mode = int(self.modes[min(seen, len(self.modes) - 1)])
+        until = np.flatnonzero(self.modes[seen:] != mode)
+        stay = self.left[seen : seen + int(until[0]) if until.size else None, channel]
         return Break(
             recording=self.course.label,
             channel=channels[channel],
             time=time,
             follows=time - float(t[0]),
-            cause=cause,
+            cause=f"{transition} {what}" if what else "",
             ended=self.ended if np.isinf(self.left[first]).any() else "",
+            mode=mode,
+            transition=transition,
+            leaves=float(_root_mean_square(stay)),
         )
 
     def hangs_on_start(self, begins: NDArray[np.intp]) -> bool:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._free_rollouts.judge import Break, FreeRollouts
+from swsysid._free_rollouts.breaks import Break
+from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._known.checks import KnownCheck, blamed
 from swsysid._rendering.printing import counted, determined, sum_with_errors
 from swsysid._results import Array

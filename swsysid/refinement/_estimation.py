@@ -72,13 +72,16 @@ class Estimation:
         self.model, self.loss, self.joined = model, loss, joined
         self.system = system = System(fitted, output_of(model))
         chosen = _free(model, fitted, free)
-        self.parameters = Parametrization(system, chosen, fit_surface, frozen)
+        self.parameters, self.of_segments = (
+            Parametrization(system, chosen, surface, frozen) for surface in (fit_surface, False)
+        )
         if not frozen and not len(self.parameters):
             raise ValueError("no parameter is free; free a coefficient or name a parameter.")
         names, n_states = fitted.feature_map.names_in, system.n_states
         self.observed = self._channels(names[:n_states], len(names), observed)
         self.records = read_trajectories(trajectories, len(names) - n_states, len(self.observed))
-        self.parameters.bound({} if bounds is None else bounds)
+        for one in (self.parameters, self.of_segments):
+            one.bound({} if bounds is None else bounds)
         self.held = not linear
         self.noise = channel_noise(self.records, noise)
         starts = first_states(initial_states, names[:n_states], len(self.records))
@@ -91,7 +94,7 @@ class Estimation:
         self.spread = spread(self.columns)
         self.substeps = self._needed_substeps(self.start)
         self.integrated, self.nfev = integrated, 0
-        self.apart, self.length = self._bounded(segment_length)
+        self.length = self._bounded(segment_length)
 
     # -- preparation -----------------------------------------------------------------------
 
@@ -158,12 +161,12 @@ class Estimation:
         longest = max(float(np.quantile(np.diff(record.t), 0.99)) for record in self.records)
         return substeps_for(self.plant.parts(vector).laws, self.columns, longest)
 
-    def _bounded(self, given: int | None) -> tuple[Rollouts, int]:
-        """Segments on each of which the given model stays bounded, and their length."""
+    def _bounded(self, given: int | None) -> int:
+        """Length of segments on each of which the given model stays bounded."""
         n_steps = [len(record.t) - 1 for record in self.records]
         chosen = given or max(_SHORTEST, -(-sum(n_steps) // _N_SEGMENTS))
         length = min(chosen, max(n_steps))
-        while not (apart := self._begun(length)).bounded.all():
+        while not self._begun(length).bounded.all():
             if given is not None or length == 1:
                 where = f"segments of {length} samples" if length > 1 else "one sample"
                 raise ValueError(
@@ -171,7 +174,7 @@ class Estimation:
                     "segment_length (None chooses one), or better coefficients to start from."
                 )
             length = max(1, length // 2)
-        return apart, length
+        return length
 
     def _begun(self, length: int) -> Rollouts:
         """Rollouts of the given model over segments of so many samples."""
@@ -195,12 +198,18 @@ class Estimation:
     # -- stages ----------------------------------------------------------------------------
 
     def refined(self, max_nfev: int) -> RefinementResult:
-        """Fit the segments by themselves, then whole rollouts; keep what makes these better."""
+        """Fit the segments by themselves, then whole rollouts; keep what makes these better.
+
+        By themselves they hold the surface: with starts of their own and wrong laws they drive it
+        out of the data, to where it tells one mode alone.
+        """
         # nodes at every time (`_stays.lifted`) in place of segments: a damper ends at 337, not 27
         whole = best = self._begun(self._whole)
         if self._starts_poorly(whole):
-            best = self._fitted(self.apart, max(1, max_nfev // 4))
-            vector, _ = self._settled(best.vector)
+            joined, self.parameters = self.parameters, self.of_segments
+            best = self._fitted(self._begun(self.length), max(1, max_nfev // 4))
+            self.parameters = joined
+            vector, _ = self._settled(self.of_segments.filled(best.vector)[joined.free])
             whole = self._begun(self._whole)
             first = Segments.of(self.records, self.guess, self.length).first == 0
             best = whole.problem.begun(vector, best.starts[first])

@@ -248,7 +248,7 @@ class Parametrization:
         """The vector of the given model."""
         return self.values[self.free]
 
-    def _filled(self, vector: Array) -> Array:
+    def filled(self, vector: Array) -> Array:
         """All values for those that are free."""
         every = self.values.copy()
         every[self.free] = vector
@@ -256,7 +256,7 @@ class Parametrization:
 
     def at(self, vector: Array) -> Values:
         """All parameters for those that are free, (n_parameters,)."""
-        coef, named, surface = self.split(self._filled(vector))
+        coef, named, surface = self.split(self.filled(vector))
         return Values(coef, dict(zip(self.named, named.tolist(), strict=True)), surface)
 
     def pivoted(self, vector: Array) -> Array:
@@ -265,7 +265,7 @@ class Parametrization:
         A coefficient that the data want to be zero must not be the one that fixes the scale: the
         others would have to grow without end. The largest gets the value that it had at the start.
         """
-        every = self._filled(vector)
+        every = self.filled(vector)
         parts = (self.split(values)[2] for values in (every, self.values, self.free))
         for row, given, free in zip(*parts, strict=True):
             pivot = int(np.abs(row).argmax())

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swsysid import HybridAutomaton, HybridAutomatonRegressor
+from swsysid import GuardWarning, HybridAutomaton, HybridAutomatonRegressor, MisfitWarning
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.assembly import TransitionVerdict
-from swsysid._automaton_search.doubts import imitates, untold_switches
+from swsysid._automaton_search.doubts import imitates, strays, untold_switches
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.judged import by_rollouts
 from swsysid._automaton_search.resets import best_reset
@@ -98,6 +98,72 @@ def test_two_exits_at_one_guard_are_said_and_what_tells_them_apart():
     assert not found.report_.rollouts.holds
 
 
+def turning(step):
+    """A relay that closes where the cosine of an angle that goes on turning rises to .95."""
+    data = []
+    for start in range(6):
+        x, angle, closed, rows = 0.1 * start, 0.7 * start, True, []
+        for _ in range(400):
+            rows.append((x, angle))
+            if closed and x >= 0.9:
+                closed = False
+            elif not closed and np.cos(angle) >= 0.95:
+                closed = True
+            x, angle = x + 0.1 * (closed - x), angle + 0.07 + 0.02 * x
+        data.append({"t": step * np.arange(400), "x": np.array(rows)})
+    return data
+
+
+def warned(data, **options):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        found = HybridAutomatonRegressor(random_state=0, **options).fit(data)
+    return found, [
+        str(one.message) for one in said if one.category in (GuardWarning, MisfitWarning)
+    ]
+
+
+@pytest.mark.parametrize("discrete_time", [True, False])
+def test_the_transition_that_no_guard_of_the_library_tells_is_named(discrete_time):
+    found, said = warned(turning(1.0 if discrete_time else 0.1), discrete_time=discrete_time)
+    opened = int(np.argmin(found.coef_[:, 0, 0]))  # its law has no source
+    assert found.n_modes_ == 2 and found.report_.rollouts.left_of_each.max() > 3.0
+    [sentence] = said
+    assert f"{opened} -> {1 - opened}" in sentence and f"{1 - opened} -> {opened}" not in sentence
+    assert FINE not in str(found.report_)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_what_follows_its_recordings_warns_of_nothing(noise):
+    """The relay, and a plant whose guards are told in continuous time."""
+    starts = [15.0, 16.3, 19.9, 17.1]
+    assert warned(recordings(RELAY, starts, noise=noise), discrete_time=True)[1] == []
+    heater = HybridAutomaton.stated(
+        [{"T": "-0.1 (T - 30)"}, {"T": "-0.1 (T - 10)"}],
+        [(0, 1, "T >= 22"), (1, 0, "T <= 18")],
+        states=["T"],
+    )
+    found, said = warned(recordings(heater, starts, np.arange(0, 30, 0.1), noise))
+    assert said == [] and found.report_.rollouts.holds
+
+
+@pytest.mark.parametrize(
+    ("doubt", "says"),
+    [
+        ({}, True),
+        ({"hangs_on_start": True}, False),
+        ({"left_of_each": np.array([[2.9]])}, False),
+        ({"breaks": ()}, False),  # a few outliers leave as much
+    ],
+)
+def test_only_what_is_a_proof_against_the_automaton_is_warned_of(doubt, says):
+    usual = {"left_of_each": np.array([[3.1]]), "hangs_on_start": False, "breaks": ("",)}
+    rollouts = SimpleNamespace(**(usual | {"strays": "1 of 2 recordings"} | doubt))
+    found = SimpleNamespace(rollouts=rollouts, noises=None)
+    assert bool(strays(found)) == says
+    assert strays(SimpleNamespace(rollouts=rollouts, noises=SimpleNamespace(drives=True))) == ""
+
+
 def test_guards_that_explain_no_more_than_their_coefficients_are_none():
     rng, x, mode, left, rows = np.random.default_rng(5), 1.0, 0, 4, []
     for _ in range(400):
@@ -162,7 +228,9 @@ def test_noise_that_differs_by_recording_is_no_missing_term_and_hides_none(cubic
             strict=True,
         )
     ]
-    report = HybridAutomatonRegressor(1, random_state=0).fit(runs).report_
+    with warnings.catch_warnings(record=True) as named:
+        report = HybridAutomatonRegressor(1, random_state=0).fit(runs).report_
+    assert ["the law of mode 0 leaves" in str(one.message) for one in named] == [True] * bool(cubic)
     assert "The noise of x0 differs by recording: 0.01 " in str(report)
     assert said in report.advice
 

@@ -3,33 +3,45 @@
 import numpy as np
 
 from swsysid import HybridAutomatonRegressor
+from swsysid._data.features import FeatureMap
+from swsysid._data.recordings import Record
+from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.lagged import lagged_rows
+from swsysid._discrete_stays.relations import parted_by_relations
+from swsysid._discrete_stays.rows import alternate, law_of
 
 
 def triangle(start, mode, length):
-    """A state that goes up by .07 to 5 and down to 0, and one that follows it with two lags."""
+    """A state that goes up by .07 to 5 and down to 0, and one that follows the last two modes."""
     x, y, states, modes = start, [0.0, 0.0], [], []
     for _ in range(length):
+        before = modes[-1] if modes else mode
         mode = 1 if mode == 0 and x >= 5.0 else 0 if mode == 1 and x <= 0.0 else mode
         states.append((x, y[-1]))
         modes.append(mode)
         x += -0.07 if mode else 0.07
-        y = [y[-1], 1.6 * y[-1] - 0.7 * y[0] + (0.0 if mode else 0.1)]
+        y = [y[-1], 1.6 * y[-1] - 0.7 * y[0] + 0.05 * (2 - mode - before)]
     return np.array(states), np.array(modes)
 
 
-def test_modes_that_a_lag_remembers_are_parted_where_rollouts_ask_for_it():
+def test_modes_that_a_lag_remembers_are_parted_by_relations_of_their_rows():
     seen = [triangle(start, mode, 600) for start, mode in [(0.5, 0), (2.3, 1), (4.1, 0), (3.03, 1)]]
-    recordings = [{"t": np.arange(len(x)), "x": x} for x, _ in seen]
-    found = HybridAutomatonRegressor(lags=1, discrete_time=True).fit(recordings)
-    # x[k+1] = 2 x[k] - x[k-1] is the law of both, and tells no switch of a recording's first stay
-    assert found.n_modes_ == 2
-    modes = np.concatenate([modes for _, modes in seen])
-    assert max(np.mean(found.modes_ == modes), np.mean(found.modes_ != modes)) > 0.99
-    x, modes = triangle(1.23, 0, 600)
-    up = int(found.modes_[1])
-    run = found.simulate(x[:2], np.arange(len(x)), mode=up)
-    # rounding alone: laws of highest likelihood without noise
-    np.testing.assert_allclose(run.x, x, atol=1e-6)
+    records = [Record(np.arange(600.0), x, np.empty((600, 0))) for x, _ in seen]
+    rows = lagged_rows(records, 1)
+    data = DiscreteData.of(rows, FeatureMap(1, rows.columns, rows.names))
+    # x[k+1] = 2 x[k] - x[k-1] is the law of both; one row at each turn follows none
+    one = alternate(data.problem, law_of(data.problem, np.ones(len(rows), dtype=bool))[None])
+    assert len(one.coef) == 1
+    both = parted_by_relations(data, one, 4)
+    assert both is not None and len(both.coef) == 2
+    true = np.concatenate([modes[1:-1] for _, modes in seen])
+    told = ~both.unexplained
+    right = np.mean(both.modes[told] == true[told])
+    assert max(right, 1.0 - right) == 1.0
+    # each goes up or down by .07, whatever the older row is
+    steps = sorted(data.coef(both.coef)[:, 0, 0])
+    np.testing.assert_allclose(steps, [-0.07, 0.07], atol=1e-9)
+    assert parted_by_relations(data, both, 4) is None
 
 
 def test_a_guard_that_is_seen_seldom_shares_the_one_that_is_seen_often():

@@ -1,5 +1,6 @@
 """Free rollouts judge models: right ones hold, wrong ones break where they are wrong."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -81,6 +82,29 @@ def test_a_law_that_is_off_breaks_between_switches_or_late():
     found = judged(spring(stiffness=4.2), courses(spring()))
     assert not found.holds and found.tells_switches
     assert found.left.max() > 3.0
+    # on the stiffer side alone
+    assert re.match(r"all 3 recordings where the law of mode 1 leaves", found.strays)
+
+
+def turns(speed, level):
+    """Up by one a step to a level, then down at a speed."""
+    laws = [{"x": "x + 1"}, {"x": f"x - {speed}"}]
+    guard = [(0, 1, f"x >= {level}")]
+    return HybridAutomaton.stated(laws, guard, states=["x"], discrete_time=True)
+
+
+def test_what_most_recordings_are_left_at_is_named_with_its_size():
+    noise, t = np.array([0.1]), np.arange(90.0)
+    starts = ([0.0], [-5.0], [-60.0])  # the third never gets there
+    given = courses(turns(1.0, 49.5), 0.0 * noise, t=t, starts=starts, mode=0)
+    found = judged(turns(1.05, 49.5), given, noise, ["x"]).strays
+    told = r"2 of 3 recordings where the law of mode 1 leaves (\S+) times the noise of x \(recor"
+    # turned at 50, it is off by half a noise more in each of the 39 steps that follow, which is
+    # more than noise from the third on, known to a step or two
+    expected = 0.5 * np.sqrt(np.mean(np.arange(3, 40) ** 2.0))
+    assert float(re.match(told, found)[1]) == pytest.approx(expected, rel=0.05)
+    late = judged(turns(1.0, 59.5), given, noise, ["x"]).strays
+    assert late.startswith("2 of 3 recordings where mode 0 -> 1 happens 10 samples late (recor")
 
 
 def test_a_transition_that_never_happens_is_named():
@@ -100,6 +124,10 @@ def test_a_transition_that_never_happens_is_named():
     assert found.first_break.cause == "mode 1 -> 0 does not happen"
     assert found.missing[0][1][1:] == (1, 0)
     assert found.sentence("s").endswith("s: there mode 1 -> 0 does not happen.")
+    # both starts have their first switch back at which no rollout takes it
+    at = f"(recording {found.first_break.recording} at t = {found.first_break.time:.4g})"
+    assert found.strays == f"all 2 recordings where mode 1 -> 0 does not happen {at}"
+    assert judged(plant, given, NOISE[:1], ["T"]).strays == ""
 
 
 def test_impacts_of_a_mode_to_itself_are_switches():

@@ -47,14 +47,16 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - affine laws step as exactly as recordings ask, all steps of one length at once, so that long
 #   recordings need no finer steps, and trials of stays end where they are refuted (`_stays`);
 #   guards' programs that did not change are not solved again (`_automaton_search`);
-# - which recording would tell most is simulated beforehand (`refinement`);
+# - which recording would tell most is simulated beforehand (`refinement`), whose segments hold the
+#   surface;
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - names that stand twice, a version of no unit and files of one row are refused (`_cli`);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
-# - a placed effect says which channels it names (`effects`, which `_effect_model` did).
+# - what free rollouts of most recordings go wrong at is named, and warned of where an automaton
+#   leaves its own (`_free_rollouts`, `_automaton_search`).
 MOST_LINES = {
     "_automaton": 3270,
-    "_automaton_search": 5450,
+    "_automaton_search": 5470,
     "_checks": 600,
     "_cli": 4130,
     "_data": 2340,
@@ -66,14 +68,14 @@ MOST_LINES = {
     "_effect_search": 9160,
     "effects": 3980,
     "exporting": 3400,
-    "_free_rollouts": 840,
+    "_free_rollouts": 890,
     "_identification": 2850,
     "_known": 1230,
     "_losses": 930,
     "metrics": 720,
     "_output_error": 2270,
     "_recording_page": 490,
-    "refinement": 1950,
+    "refinement": 1960,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2350,

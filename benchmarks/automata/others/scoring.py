@@ -6,6 +6,7 @@ training, and rolls what it made out from the first samples of six that it has n
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from benchmarks.automata.plant import Array
 __all__ = ["Model", "score"]
 
 NEAR = 2  # samples
+_NAMED = re.compile(r"mode \d|\d -> \d")
 
 
 class Model(Protocol):
@@ -73,7 +75,8 @@ def score(
         ``largest`` deviation of the unseen rollouts, each state in units of its largest value
         there (as DAINARX counts; infinite where a rollout ends early), ``switches`` the share of
         unseen switches that the rollouts make within two samples, and no others, ``doubts``
-        whether the method said so, CPU ``seconds``; or ``refused`` and why.
+        whether the method said so, ``warns`` its warnings that name a mode or a transition, CPU
+        ``seconds``; or ``refused`` and why.
     """
     training, unseen = automaton.training(), automaton.unseen()
     spread = np.std(np.vstack([one.x for one in training]), axis=0)
@@ -83,8 +86,8 @@ def score(
         for one in training
     ]
     began = time.process_time()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         try:
             model = method(noisy, automaton)
         except (ValueError, TypeError, TimeoutError) as refusal:
@@ -102,6 +105,7 @@ def score(
         "largest": float(np.max([one[1] for one in every])),
         "switches": hits / of if of else 1.0,
         "doubts": float(model.doubts),
+        "warns": " ".join(str(one.message) for one in said if _NAMED.search(str(one.message))),
         "seconds": seconds,
     }
 

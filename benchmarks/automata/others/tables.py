@@ -10,7 +10,7 @@ __all__ = ["RIGHT", "tables"]
 RIGHT = 1e-3  # mean deviation of unseen rollouts up to which an automaton counts as found
 _HEAD = [
     "automaton", "modes too many", "labels right", "rollouts off by, mean (largest)",
-    "switches made", "says that guards tell all", "seconds",
+    "switches made", "says that guards tell all", "warns", "seconds",
 ]  # fmt: skip
 
 
@@ -20,11 +20,14 @@ def tables(parts: dict) -> str:
     for told, part in parts.items():
         cells = part["cells"]
         right = [_is_right(one) for one in cells]
-        silent = sum(_is_silent(one) for one in cells)
+        wrong = [one for one in cells if "refused" not in one and not _is_right(one)]
+        silent, named = (sum(bool(one[key]) == says for one in wrong)
+                         for key, says in (("doubts", False), ("warns", True)))  # fmt: skip
         text += [
             "",
             f"**{told}**: {sum(right)} of {len(cells)} within {percent(RIGHT)}; "
-            f"{silent} of the others say that guards tell all switches.",
+            f"of {len(wrong)} that are not {named} warn and name a mode or a transition, and "
+            f"{silent} say that guards tell all switches.",
             "",
             *table(_HEAD, map(_row, cells)),
         ]
@@ -35,13 +38,9 @@ def _is_right(one: dict) -> bool:
     return one.get("mean") is not None and one["mean"] <= RIGHT
 
 
-def _is_silent(one: dict) -> bool:
-    return "refused" not in one and not one["doubts"] and not _is_right(one)
-
-
 def _row(one: dict) -> list[str]:
     if "refused" in one:
-        return [one["name"], one["refused"], *[""] * 4, f"{one['seconds']:.1f}"]
+        return [one["name"], one["refused"], *[""] * 5, f"{one['seconds']:.1f}"]
     ended = one["mean"] is None
     return [
         one["name"],
@@ -50,5 +49,6 @@ def _row(one: dict) -> list[str]:
         "ended early" if ended else f"{percent(one['mean'])} ({percent(one['largest'])})",
         share(one["switches"]),
         "no" if one["doubts"] else "yes",
+        "yes" if one["warns"] else "no",
         f"{one['seconds']:.1f}",
     ]
