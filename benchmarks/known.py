@@ -156,6 +156,9 @@ def one_draw(case: Case, count: int, seed: int) -> dict:
     told = {"plant": case.plant.name, "count": count, "seed": seed}
     told |= {"free": error(case, campaign, free, mask), "seconds": seconds}
     told |= {"known": error(case, campaign, right, mask), "seconds_known": of_known}
+    told["chance"] = chance_of_larger(
+        *(_size(case, campaign, fit.coef_errors_, mask) for fit in (right, free))
+    )
     told["questioned"] = [one.sentence for one in right.known_ if one.questioned]
     told["wrong"] = []
     for number, sentence in case.wrong:
@@ -198,18 +201,36 @@ def _region(case: Case, sentences: Sequence[str], fit: TrajectoryIdentifier):
 
 def error(case: Case, campaign: Campaign, fit: TrajectoryIdentifier, mask: Array) -> float:
     """Root mean square error of some coefficients, in units of the velocities."""
-    truth = case.plant.truth()
-    coef, features = fit.estimator_.coef_, truth.feature_map(campaign.columns)
-    sizes = features.std(axis=0) + (features.std(axis=0) == 0.0)
-    speeds = truth.predict(campaign.columns).std(axis=0)
-    wanted = truth.coef_
+    coef, wanted = fit.estimator_.coef_, case.plant.truth().coef_
     if len(coef) < len(wanted):  # a mode was not found: its law is that of the other
         coef = np.concatenate([coef, np.repeat(coef[:1], len(wanted) - len(coef), axis=0)])
-    scaled = (sizes / speeds[:, None])[mask]
     return min(
-        float(np.sqrt(np.square((coef[list(order)] - wanted)[:, mask] * scaled).mean()))
+        _size(case, campaign, coef[list(order)] - wanted, mask)
         for order in itertools.permutations(range(len(coef)), len(wanted))
     )
+
+
+def _size(case: Case, campaign: Campaign, coef: Array, mask: Array) -> float:
+    """Root mean square of some coefficients, in units of the velocities."""
+    truth = case.plant.truth()
+    features = truth.feature_map(campaign.columns)
+    sizes = features.std(axis=0) + (features.std(axis=0) == 0.0)
+    scaled = sizes / truth.predict(campaign.columns).std(axis=0)[:, None]
+    return float(np.sqrt(np.square(coef * scaled)[:, mask].mean()))
+
+
+def chance_of_larger(known: float, free: float) -> float:
+    """Chance that an error within right knowledge is the larger one, by their standard errors.
+
+    Both are normal, and the latter is the former with more that is independent of it, as the most
+    likely answers are: with r = known / free the chance is 1/2 - arcsin(q) / pi, where q^2 =
+    (1 - r^2) / (1 + 3 r^2). It is that of one coefficient, or of one direction that decides.
+
+    >>> round(chance_of_larger(0.5, 1.0), 3), chance_of_larger(1.0, 1.0)
+    (0.273, 0.5)
+    """
+    square = min(1.0, (known / free) ** 2)
+    return float(0.5 - np.arcsin(np.sqrt((1.0 - square) / (1.0 + 3.0 * square))) / np.pi)
 
 
 def _standard_errors(case: Case, fit: TrajectoryIdentifier, sentence: str) -> float:
@@ -228,10 +249,12 @@ def _standard_errors(case: Case, fit: TrajectoryIdentifier, sentence: str) -> fl
 def tables(found: list[dict], names: Sequence[str], counts: Sequence[int]) -> str:
     """Errors and questions, a plant and number of recordings a row."""
     rows, ratios, wrong, right = [], {count: [] for count in counts}, [], []
+    chances = dict.fromkeys(counts, 0.0)
     for name, count in itertools.product(names, counts):
         own = [one for one in found if one["plant"] == name and one["count"] == count]
         shares = [one["known"] / one["free"] for one in own]
         ratios[count] += shares
+        chances[count] += sum(one["chance"] for one in own)
         seen = [one for each in own for one in each["wrong"] if one[1]]
         wrong += seen
         right += own
@@ -251,7 +274,8 @@ def tables(found: list[dict], names: Sequence[str], counts: Sequence[int]) -> st
     ]  # fmt: skip
     lines = [
         f"{count} recordings: ratio of the errors {np.median(own):.2f} in the median, "
-        f"larger in {sum(one > 1.0 for one in own)} of {len(own)}"
+        f"larger in {sum(one > 1.0 for one in own)} of {len(own)}, by chance in "
+        f"{chances[count]:.1f}"
         for count, own in ratios.items()
     ]
     n_found, blamed = sum(one[2] for one in wrong), sum(bool(one[3]) for one in wrong)

@@ -51,8 +51,11 @@ class Pair:
         own, other = (np.flatnonzero((mode == j) & both[state, feature]) for j in (first, second))
         change = (laws.coef[second] - laws.coef[first])[both]
         of_own, of_both = covariance[np.ix_(own, own)], covariance[np.ix_(own, other)]
-        of_change = of_own + covariance[np.ix_(other, other)] - of_both - of_both.T
-        unit = np.sqrt(np.maximum(np.diag(of_change), np.finfo(float).tiny))
+        apart = of_own + covariance[np.ix_(other, other)]
+        of_change = apart - of_both - of_both.T
+        # a coefficient that is known to be the same in both differs by nothing but rounding
+        tied = np.diag(of_change) <= LIMITS.rounding * np.diag(apart)
+        unit = np.sqrt(np.where(tied, np.inf, np.diag(of_change)))
         scaled = of_change / (unit[:, None] * unit) + LIMITS.rounding * np.eye(len(unit))
         told = np.linalg.solve(scaled, change / unit) / unit
         law = np.where(laws.free[first], laws.coef[first], laws.coef[second])

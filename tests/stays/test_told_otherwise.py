@@ -9,7 +9,7 @@ from swsysid import SwitchingSystemRegressor
 from swsysid._stays.count import surprise_of_switches
 from swsysid._stays.descent import most_likely
 from swsysid._stays.given import read_given
-from swsysid._stays.merged import merged
+from swsysid._stays.merged import Pair, merged
 from swsysid._stays.retold import retold
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
@@ -111,3 +111,19 @@ def test_the_closest_laws_become_their_weighted_mean(tooth):
     assert law == pytest.approx(mean, abs=0.2 * abs(own[rises] - own[2]))
     assert merged(parted, most=0.0) is None
     assert merged(tooth, most=1000.0) is None  # a rise and a fall
+
+
+def test_what_is_known_to_be_the_same_costs_nothing_to_make_equal(tooth):
+    """Tied coefficients differ by rounding, whose variance may even be negative."""
+    coef, free = np.array([[[1.0], [3.0]], [[1.5], [3.0]]]), np.ones((2, 2, 1), dtype=bool)
+    estimate = replace(tooth.estimate, laws=replace(tooth.estimate.laws, coef=coef, free=free))
+    found = replace(tooth, reached=replace(tooth.reached, estimate=estimate))
+    for variance, rounding in ((0.0, 0.0), (0.0, 1e-17), (0.0, -1e-17), (-1e-17, 1e-17)):
+        covariance = np.diag([0.02, 0.01, 0.03, 0.01])
+        covariance[1, 3] = covariance[3, 1] = 0.01 - variance
+        covariance[0, 1] = covariance[1, 0] = 0.004
+        covariance[0, 3] = covariance[3, 0] = 0.004 - rounding
+        pair = Pair.of(found, 0, 1, covariance)
+        # the others are independent: a difference of 0.5 with the variance 0.02 + 0.03
+        assert pair.cost == pytest.approx(0.5 * 0.5**2 / 0.05, rel=1e-9)
+        assert pair.law[0, 0] == pytest.approx(1.0 + 0.5 * 0.02 / 0.05, rel=1e-9)
