@@ -63,7 +63,7 @@ def _in_words(work: Callable[[], int]) -> int:
         print("swsysid: the memory is full; --decimate K keeps every K-th row.", file=sys.stderr)
         return 2
     except KeyboardInterrupt as reason:  # it tells what a checkpoint holds, if there is one
-        print(f"swsysid: {reason or 'stopped.'}", file=sys.stderr)
+        print(f"swsysid: {str(reason) or 'stopped.'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # The reader, such as head, has seen enough; what is left must not fail when it is flushed.

@@ -27,7 +27,7 @@ def command_parser() -> argparse.ArgumentParser:
     at_rows.add_argument("--output", default="predicted.csv")
     other = _command(add, "export", "write the model for another tool")
     other.add_argument("--to", required=True, choices=("c", "fmu", "matlab", "modelica", "sympy"))
-    other.add_argument("--fmi-version", type=int, choices=(2, 3), default=2, help="of an fmu")
+    other.add_argument("--fmi-version", type=int, choices=(2, 3), help="of an fmu (default: 2)")
     other.add_argument("--output", required=True)
     _command(add, "show", "print laws and guards")
     return parser

@@ -115,9 +115,11 @@ def export(arguments: argparse.Namespace) -> str:
         ]
         write_text(path, "\n".join(lines) + "\n")
     else:
+        if to != "fmu" and arguments.fmi_version is not None:
+            raise TableError(f"--fmi-version is that of an fmu; leave it out with --to {to}.")
         write: dict[str, Callable[[Path], None]] = {
             "c": model.to_c,
-            "fmu": partial(model.to_fmu, fmi_version=arguments.fmi_version),
+            "fmu": partial(model.to_fmu, fmi_version=arguments.fmi_version or 2),
             "matlab": model.to_matlab,
             "modelica": model.to_modelica,
         }

@@ -82,6 +82,7 @@ def read_measured(
         check_roles(table, what)
         return table, what
     is_clocked = what.time_step is None and (what.time is not None or not what.derivatives)
+    _check_once(what.channels)  # runs are joined by these names
     table, time, groups = together(files, what.channels, what.time, what.groups, is_clocked)
     what = replace(what, time=time, groups=groups)
     check_roles(table, what)
@@ -114,7 +115,10 @@ def check_roles(table: Table, what: Measurement) -> None:
     for name in what.hold or ():
         if name not in what.inputs:
             raise TableError(f"--hold {name} is no input; name it with --inputs too.")
-    columns = [table.resolve(name) for name in [*what.channels, *times]]
+    _check_once([table.resolve(name) for name in [*what.channels, *times]])
+
+
+def _check_once(columns: Sequence[str]) -> None:
     twice = [column for column in columns if columns.count(column) > 1]
     if twice:
         raise TableError(

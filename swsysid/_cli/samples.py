@@ -186,6 +186,10 @@ def _still(table: Table, what: Measurement, numbers: Array) -> list[str]:
         known = values[np.isfinite(values)]
         if not len(known) or name in what.derivatives or np.ptp(known) > 0.0:
             continue
+        if len(known) == 1:
+            raise TableError(
+                f"Column {name!r} of {table.source} holds one number; no law can be told from it."
+            )
         told = f"Column {name!r} of {table.source} is {known[0]:g} in all {len(known):,} rows"
         if name in what.states:
             raise TableError(

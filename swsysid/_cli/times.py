@@ -29,7 +29,7 @@ def in_seconds(table: Table, what: Measurement) -> Table:
     name = table.resolve(what.time)
     column = table.columns[name]
     known = column[np.isfinite(column)]
-    if not len(known):
+    if len(known) < 2:  # no step to tell a unit by
         return table
     since, step = (column - known[0]).astype(float), float(np.median(np.abs(np.diff(known))))
     unit, why = what.time_unit or table.unit(name), ""

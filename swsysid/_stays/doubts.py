@@ -147,7 +147,8 @@ class FitLeft:
         if self.n_apart:
             label, time = self.first
             yield (
-                f"{counted(self.n_apart, 'sample')} of {self.n_samples:,} follow no law "
+                f"{counted(self.n_apart, 'sample')} of {self.n_samples:,} "
+                f"follow{'s' if self.n_apart == 1 else ''} no law "
                 f"({self.n_apart / self.n_samples:.1%}; the first in recording {label} at "
                 f"t = {time:.4g}): outliers, or a mode of few samples; they have the mode of their "
                 "neighbours. Give gross errors as NaN."

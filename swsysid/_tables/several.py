@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from swsysid._rendering.printing import counted, text_table
 from swsysid._tables.formats import DATABASES, is_recording, read_tables
-from swsysid._tables.table import Table, TableError
+from swsysid._tables.table import Table, TableError, no_column
 from swsysid._tables.units import SECONDS
 
 Array = NDArray[np.float64]
@@ -143,12 +143,9 @@ def _has(table: Table, name: str) -> bool:
 
 
 def _refuse(tables: Sequence[Table], name: str) -> NoReturn:
-    listed = ", ".join(
-        f"{column} [{table.unit(column)}]" if table.unit(column) else column
-        for table in tables
-        for column in table.columns
-    )
-    raise TableError(f"{tables[0].source} has no column {name!r}; its columns are: {listed}.")
+    units = {column: table.unit(column) for table in tables for column in table.columns}
+    listed = (f"{column} [{unit}]" if unit else column for column, unit in units.items())
+    raise no_column(tables[0].source, name, units, ", ".join(listed))
 
 
 # --- which of them are runs ---------------------------------------------------------------------

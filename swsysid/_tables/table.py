@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,13 +51,7 @@ class Table:
         fields = [column for column in self.columns if column.endswith(f".{name}")]
         if name in bare or len(fields) == 1:
             return bare.get(name, *fields)
-        close = difflib.get_close_matches(name, self.columns, n=1) or [
-            column for column in self.columns if column.lower() == name.lower()
-        ]
-        hint = f" Did you mean {close[0]!r}?" if close else ""
-        raise TableError(
-            f"{self.source} has no column {name!r}.{hint} Its columns are: {self.listing()}."
-        )
+        raise no_column(self.source, name, self.columns, self.listing())
 
     def title(self, name: str) -> str:
         """A column's name without its bracketed unit, where that still means this column."""
@@ -188,6 +182,14 @@ _PAIRS = (
 )
 _BYTES = re.compile(r"b?(['\"])(.*)\1", re.S)  # as Python prints bytes and quoted text
 MOST = 5  # words that are listed
+
+
+def no_column(source: str, name: str, columns: Iterable[str], listing: str) -> TableError:
+    """The refusal of a name, with the column that may be meant and all that there are."""
+    alike = [column for column in columns if column.lower() == name.lower()]
+    close = difflib.get_close_matches(name, columns, n=1) or alike
+    hint = f". Did you mean {close[0]!r}? Its" if close else "; its"
+    return TableError(f"{source} has no column {name!r}{hint} columns are: {listing}.")
 
 
 def bare(cell: object) -> str:

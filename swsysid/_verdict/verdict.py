@@ -223,9 +223,9 @@ class SwitchingVerdict:
             ),
             Verdict.TOO_FEW: (
                 "These data do not decide whether there is switching: the modes change "
-                f"{comparison.n_switches} times and {len(comparison.errors)} samples are held out, "
-                f"where at least {JUDGING.fewest_switches} and {JUDGING.fewest_rows} are needed. "
-                "Record more."
+                f"{counted(comparison.n_switches, 'time')} and {len(comparison.errors)} samples "
+                f"are held out, where at least {JUDGING.fewest_switches} and "
+                f"{JUDGING.fewest_rows} are needed. Record more."
             ),
             Verdict.USELESS: (
                 f"The held-out error of the {modes} is no smaller than the spread of the "

@@ -109,6 +109,8 @@ def test_show(folder, capsys):
     (["predict", "model.json", "inputs.csv"], "has no column 'x'"),
     (["export", "nothing.json", "--to", "c", "--output", "a.c"],
      "There is no file nothing.json."),
+    (["export", "ball.json", "--to", "c", "--fmi-version", "3", "--output", "a.c"],
+     "--fmi-version is that of an fmu; leave it out with --to c."),
     (["show", "nofile.json"], "There is no file nofile.json."),
     (["show", "."], ". cannot be used: is a directory."),
     (["export", "ball.json", "--to", "c", "--output", "no/folder/a.c"],

@@ -202,6 +202,8 @@ def test_refusals(tmp_path, capsys):
     text(tmp_path / "a.csv", t=T, T=RUNS[0])
     text(tmp_path / "b.csv", t_ms=1e3 * T, v=RUNS[0])
     text(tmp_path / "c.csv", t=T + 100.0, w=T)
+    text(tmp_path / "d.csv", t=T, T=RUNS[1])
+    text(tmp_path / "e.csv", t=T[:1], T=RUNS[1][:1])
     (tmp_path / "empty").mkdir()
     for given, words in (
         ([tmp_path / "empty", "--states", "T"], "holds no recording"),
@@ -211,6 +213,12 @@ def test_refusals(tmp_path, capsys):
         ([tmp_path / "a.csv", tmp_path / "c.csv", "--states", "q"], "has no column 'q'"),
         ([tmp_path / "a.csv", tmp_path / "c.csv"], "Name the states with --states; the columns"),
         ([tmp_path / "a.csv", tmp_path / "c.csv", "--states", "T"], "c.csv has no column 'T'"),
+        ([tmp_path / "e.csv", "--states", "T"], "'T' of e.csv holds one number; no law can be"),
+        ([tmp_path / "a.csv", tmp_path / "d.csv", "--states", "T", "T"], "'T' is named twice"),
+        (
+            [tmp_path / "a.csv", tmp_path / "d.csv", "--states", "TT"],
+            "has no column 'TT'. Did you mean 'T'? Its columns are: t, T.\n",
+        ),
     ):
         told = answer(given, capsys, tmp_path, 2)
-        assert words in told and told.count("\n") == 1
+        assert words in told and told.count("\n") == 1, told
