@@ -191,8 +191,9 @@ class TimeInterval(Effect):
         assert records.t is not None
         rows, answer = self._acting(records, place), np.zeros(len(records))
         t, half = records.t[rows], 0.5 * records.step
-        # a row is worth the time about it, of which none lies before the first or after the last
-        early, late = np.maximum(t - half, t[:1]), np.minimum(t + half, t[-1:])
+        early, late = t - half, t + half  # a row is worth the time about it, ...
+        if len(t) > 1:  # ... of which a recording has none before its first or after its last
+            early[0], late[-1] = t[0], t[-1]
         begun = [np.clip((late - instant) / (late - early), 0.0, 1.0) for instant in theta]
         acts = sum(begun[::2], np.zeros(len(rows))) - sum(begun[1::2], np.zeros(len(rows)))
         answer[rows] = acts if level else acts * self._values(records, place)[rows]

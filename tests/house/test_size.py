@@ -66,7 +66,7 @@ MOST_LINES = {
     "_displays": 1610,
     "_effect_model": 2370,
     "_effect_search": 9160,
-    "effects": 3980,
+    "effects": 3990,
     "exporting": 3400,
     "_free_rollouts": 890,
     "_identification": 2850,
