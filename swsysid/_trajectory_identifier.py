@@ -322,8 +322,6 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         known = both_known(check_known(estimator.known), check_known(self.known))
 
         def fitted(rows, n_modes, whole, **options):
-            if "feature_library" in options:  # a rival, whose terms are others
-                options |= {"known": None}
             asked = clone(estimator).set_params(**{"n_modes": n_modes, "known": known} | options)
             again = clone(self).set_params(
                 estimator=asked,

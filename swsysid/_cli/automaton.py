@@ -114,9 +114,8 @@ class _Identification:
             random_state=wishes.random_state,
             verbose=int(wishes.verbose),
         )
-        rival = {"known": None} if "feature_library" in options else {}  # its terms are others
         with handing_over(None) if isinstance(rows, slice) else nullcontext():
-            return model.set_params(**rival, **options).fit(*self._data(rows))
+            return model.set_params(**options).fit(*self._data(rows))
 
     def held_out(self, trained: HybridAutomatonRegressor) -> str:
         """How an automaton of the training rows rolls out the others."""

@@ -192,7 +192,7 @@ class _Identification:
         By rollouts over stretches, or with `whole` over whole ones; `options` are the regressor's.
         """
         library = terms.library(self.samples.X.shape[1])
-        options |= {"feature_library": library, "known": list(self.options.known) or None}
+        options |= {"feature_library": library}
         with warnings.catch_warnings():
             # smoothing told of clipped samples already
             warnings.filterwarnings("ignore", message="samples stand at an end of the range")
@@ -201,6 +201,7 @@ class _Identification:
     def _fitted(
         self, rows: NDArray[np.bool_] | slice, n_modes: int | str, whole: bool, **options: object
     ) -> TrajectoryIdentifier:
+        options = {"known": list(self.options.known) or None} | options
         identifier = TrajectoryIdentifier(
             self.options.regressor(n_modes).set_params(verbose=0, **options),
             order=self.options.measurement.order,

@@ -193,18 +193,22 @@ class HeldOut(ABC, Generic[Fit]):
             for one, rows in pairs
         )
 
-    def trained(self, terms: Terms, n_modes: int) -> Fit:
-        """Modes of the training recordings; what that warns about is no news."""
+    def trained(self, terms: Terms, n_modes: int, is_rival: bool = False) -> Fit:
+        """Modes of the training recordings; what that warns about is no news.
+
+        What is known is said of the declared terms, and not of those of a rival.
+        """
+        options = terms.of_rival() if is_rival else terms.declared(self.n_columns)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return self.fits(self.split.train, n_modes, False, feature_library=terms.at_once())
+            return self.fits(self.split.train, n_modes, False, **options)
 
     def rivals(self, terms: Terms) -> list[tuple[Terms, Fit]]:
         """Laws of one mode of the training recordings, with these terms and with more of them."""
         found = [(terms, self.trained(terms, 1))]
         for each in terms.richer(int(self.split.train.sum())):
             with suppress(ValueError, SolverError):  # such as sines of columns in the thousands
-                found.append((each, self.trained(each, 1)))
+                found.append((each, self.trained(each, 1, is_rival=True)))
         return found
 
     def lengthened(self) -> bool:

@@ -58,12 +58,17 @@ class Terms:
         )
         return make_pipeline(chosen, terms)
 
-    def at_once(self) -> TransformerMixin | BaseEstimator:
-        """The same as one transformer, for models that are not kept."""
-        if self.own is not None:
-            return self.own
+    def declared(self, n_columns: int) -> dict[str, object]:
+        """Options of a regressor with these terms, of which something may be known by name."""
+        library = self.library(n_columns)
+        is_named = library is self.own or isinstance(library, int)
+        return {"feature_library": library} if is_named else self.of_rival()
+
+    def of_rival(self) -> dict[str, object]:
+        """The same as one transformer, for models that are not kept; it has names of its own."""
         turning = self.turning if self.waves else ()
-        return LawTerms(self.columns, self.degree, turning, self.degrees)
+        terms = LawTerms(self.columns, self.degree, turning, self.degrees)
+        return {"feature_library": terms if self.own is None else self.own, "known": None}
 
     @property
     def turning(self) -> tuple[int, ...]:

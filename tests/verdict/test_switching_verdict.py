@@ -80,6 +80,21 @@ def test_a_planted_switch_is_trusted(contact):
     assert repr(verdict) == "SwitchingVerdict(SWITCHES, n_modes=2, trusted)"
 
 
+def test_what_is_known_holds_in_the_verdict_too():
+    """What is true leaves what held-out rollouts leave; what is 10 % off does not."""
+    plant = make_damped_oscillator(None, n_trajectories=4, time_step=0.05, random_state=0)
+    x = plant.X + 0.02 * np.random.default_rng(0).standard_normal(plant.X.shape)
+    right, wrong = (
+        identifier(sparsity="auto").set_params(known=[told]).fit(x, plant.t, plant.groups).verdict_
+        for told in ("x1'[x0] same in all modes", "x1'[x0] = -1.1")
+    )
+    assert right.kind is Verdict.SWITCHES
+    assert right.errors == pytest.approx(right.noise, rel=0.15)  # as above: 240 samples and laws
+    assert (wrong.errors > 1.5 * right.errors).all() and wrong.kind is not Verdict.SWITCHES
+    # a law of more terms, of which nothing is known, is the same rival
+    assert wrong.errors_of_laws["cubic"] == pytest.approx(right.errors_of_laws["cubic"], rel=0.01)
+
+
 def test_where_a_smooth_law_follows_short_stretches_longer_ones_tell():
     # damped by 0.1 or 0.5: over 30 samples a cubic law is at the noise
     plant = make_damped_oscillator(None, n_trajectories=4, time_step=0.05, random_state=0)
