@@ -26,7 +26,7 @@ def columns_of(path: str) -> str:
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
     ...     path = Path(folder, "log.csv")
-    ...     _ = path.write_text("t [s],T [K]\\n0,293.5\\n1,294.0\\n2,294.5\\n")
+    ...     _ = path.write_text("t [s],T [K]\n0,293.5\n1,294.0\n2,294.5\n")
     ...     found = json.loads(columns_of(str(path)))["columns"]
     >>> [(one["name"], one["unit"], one["role"]) for one in found]
     [('t', 's', 'time'), ('T', 'K', '')]

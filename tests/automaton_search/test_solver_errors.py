@@ -52,6 +52,11 @@ def expect_the_ball(method, tolerance, drag, *, limits):
     assert found.score(x, t) > 0.95
 
 
+# errors of 0.4 % that grow along a solver's steps are a misfit of any law, and are said to be one
+SAID = pytest.mark.filterwarnings("ignore:By itself the automaton leaves")
+
+
+@SAID
 @pytest.mark.parametrize(
     ("method", "tolerance", "drag", "limits"),
     [
@@ -67,6 +72,7 @@ def test_the_impacts_of_a_ball_stand_out_over_the_errors_of_a_solver(
     expect_the_ball(method, tolerance, drag, limits=limits)
 
 
+@SAID
 @pytest.mark.nightly
 @pytest.mark.parametrize("limits", [True, False])
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-10])
