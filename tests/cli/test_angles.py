@@ -96,7 +96,7 @@ def test_both_forms_of_the_terms_have_the_same_values():
     np.testing.assert_allclose(values[:, 3:], np.column_stack([
         np.sin(np.radians(X[:, 2])), np.cos(np.radians(X[:, 2]))
     ]))  # fmt: skip
-    fast = terms.at_once()
+    fast = terms.of_rival()["feature_library"]
     assert isinstance(fast, LawTerms) and terms.n_features == values.shape[1]
     np.testing.assert_allclose(fast.fit_transform(X)[:, 3:], values[:, 3:])
 

@@ -168,5 +168,7 @@ def done(name, folder, answer):
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", UserWarning)
+    # what runs in the background inherits that Control-C is ignored; what a user runs does not
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     what, where, written = sys.argv[1:]
     Path(written).write_text(digest(WORK[what](None if where == "-" else where)), "utf-8")
