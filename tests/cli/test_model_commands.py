@@ -97,6 +97,10 @@ def test_show(folder, capsys):
 
 @pytest.mark.parametrize(("given", "words"), [
     (["simulate", "ball.json", "--x0", "1,0"], "give --until T, or --input FILE"),
+    (["simulate", "model.json", "--x0", "0.5", "--input", "inputs.csv"],
+     "--x0 holds 1 number; the states are x, v."),
+    (["simulate", "ball.json", "--x0", "1,0,2", "--until", "2"],
+     "--x0 holds 3 numbers; the states are h, v."),
     (["simulate", "model.json", "--x0", "1,0", "--input", "rows.csv"], "name the time with --time"),
     (["simulate", "model.json", "--x0", "1,0", "--until", "2"], "the input u; give --input FILE"),
     (["simulate", "model.json", "--x0", "1,0", "--input", "inputs.csv", "--mode", "1"],
