@@ -4,11 +4,11 @@ With ``SWSYSID_PYODIDE``, the folder of a full distribution of Pyodide, its Pyth
 browser; without, the Python of the tests stands in (`page_server`).
 """
 
-import importlib.util
 import json
 import os
 import re
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
@@ -65,11 +65,8 @@ tell({ said: one("said").textContent, kind: one("said").className, shown: !one("
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The page as the documentation lays it."""
-    specification = importlib.util.spec_from_file_location("lay", DOCS / "in_browser_site.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
     folder = tmp_path_factory.mktemp("site")
-    module.lay(folder)
+    run_path(str(DOCS / "in_browser_site.py"))["lay"](folder)
     return folder
 
 

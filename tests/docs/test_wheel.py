@@ -1,6 +1,5 @@
 """What a user installs: the wheel holds the package, and the README's commands run from it."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -8,6 +7,7 @@ import sys
 import venv
 import zipfile
 from pathlib import Path
+from runpy import run_path
 
 import pytest
 from test_docs import BLOCK, _prints
@@ -22,12 +22,8 @@ COMMANDS = re.findall(r"^python -m (swsysid .*)$", README, re.M)
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    specification = importlib.util.spec_from_file_location(
-        "site_with_wheel", ROOT / "docs" / "in_browser_site.py"
-    )
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module.build_wheel(tmp_path_factory.mktemp("wheel"))
+    build = run_path(str(ROOT / "docs" / "in_browser_site.py"))["build_wheel"]
+    return build(tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="module")
