@@ -51,7 +51,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   surface;
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - names that stand twice, a version of no unit and files of one row are refused (`_cli`), and a
-#   start that has not as many numbers as the model has states;
+#   start that has not as many numbers as the model has states; options by what they are for;
 # - runs that look alike share a line, a log of a bus that is cut is said to be (`_tables`);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
 # - what free rollouts of most recordings go wrong at is named, and warned of where an automaton
@@ -60,7 +60,7 @@ MOST_LINES = {
     "_automaton": 3270,
     "_automaton_search": 5470,
     "_checks": 600,
-    "_cli": 4150,
+    "_cli": 4160,
     "_data": 2340,
     "datasets": 2510,
     "differentiation": 1610,
