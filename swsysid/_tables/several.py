@@ -156,11 +156,7 @@ def _with_units(table: Table, units: Mapping[str, str]) -> Table:
 
 
 def _has(table: Table, name: str) -> bool:
-    try:
-        table.resolve(name)
-    except TableError:
-        return False
-    return True
+    return table.find(name) is not None
 
 
 def _refuse(tables: Sequence[Table], name: str) -> NoReturn:
