@@ -15,6 +15,7 @@ from sklearn.base import BaseEstimator
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._checks.estimators import column_names
+from swsysid._pipelines import switching_step
 from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
 from swsysid._saving.files import Recording, load_model
@@ -163,10 +164,11 @@ def _names(model: BaseEstimator | HybridAutomaton) -> list[str]:
 
 
 def _n_states(model: object) -> int:
-    """Number of the laws of a mode."""
-    if isinstance(model, HybridAutomaton):
-        return model.n_states
-    return len(vars(vars(model).get("estimator_", model))["coef_"][0])
+    """Number of the laws of a mode, where effects stand beside them or steps before them too."""
+    while "estimator_" in vars(model):
+        model = vars(model)["estimator_"]
+    _, model = switching_step(model)
+    return model.n_states if isinstance(model, HybridAutomaton) else len(vars(model)["coef_"][0])
 
 
 def _inputs(table: Table, time: str | None, wanted: Sequence[str]) -> tuple[Array, Array | None]:
