@@ -8,17 +8,16 @@ import json
 import os
 import re
 from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 import pytest
 from browser import opened, rendered
+from documentation import script
 from page_server import served
 
 from swsysid.__main__ import main
 from swsysid._cli.in_browser import columns_of, identified
 
-DOCS = Path(__file__).parents[2] / "docs"
 PYODIDE = os.environ.get("SWSYSID_PYODIDE", "")
 
 HAND = """
@@ -66,7 +65,7 @@ tell({ said: one("said").textContent, kind: one("said").className, shown: !one("
 def site(tmp_path_factory):
     """The page as the documentation lays it."""
     folder = tmp_path_factory.mktemp("site")
-    run_path(str(DOCS / "in_browser_site.py"))["lay"](folder)
+    script("in_browser_site").lay(folder)
     return folder
 
 

@@ -7,9 +7,9 @@ import sys
 import venv
 import zipfile
 from pathlib import Path
-from runpy import run_path
 
 import pytest
+from documentation import script
 from test_docs import BLOCK, _prints
 
 ROOT = Path(__file__).parents[2]
@@ -22,8 +22,7 @@ COMMANDS = re.findall(r"^python -m (swsysid .*)$", README, re.M)
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    build = run_path(str(ROOT / "docs" / "in_browser_site.py"))["build_wheel"]
-    return build(tmp_path_factory.mktemp("wheel"))
+    return script("in_browser_site").build_wheel(tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="module")
