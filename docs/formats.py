@@ -42,21 +42,21 @@ def texts(folder):
         np.savetxt(folder / f"run{run}.csv", rows, delimiter=",", header="t,T", comments="")
 
 
-def mdf(path):
+def mdf(path, x):
     """A group with one channel."""
     with asammdf.MDF(version="4.10") as file:
-        file.append([asammdf.Signal(recorded(17.0), T, name="T", unit="degC")])
+        file.append([asammdf.Signal(x, T, name="T", unit="degC")])
         file.save(path)
 
 
-def ulog(path):
+def ulog(path, x):
     """A topic with one field."""
 
     def message(kind, content):
         return struct.pack("<HB", len(content), ord(kind)) + content
 
-    rows = zip(T, recorded(17.0), strict=True)
-    data = [message("D", struct.pack("<HQd", 0, int(t * 1e6), x)) for t, x in rows]
+    rows = zip(T, x, strict=True)
+    data = [message("D", struct.pack("<HQd", 0, int(t * 1e6), one)) for t, one in rows]
     path.write_bytes(b"".join([
         b"ULog\x01\x12\x35\x01", struct.pack("<Q", 0), message("B", bytes(40)),
         message("F", b"box:uint64_t timestamp;double T;"),
@@ -64,7 +64,7 @@ def ulog(path):
     ]))  # fmt: skip
 
 
-def dymola(path):
+def dymola(path, x):
     """A result with one variable."""
 
     def words(names):
@@ -75,7 +75,7 @@ def dymola(path):
         "Aclass": np.array(["Atrajectory", "1.1        ", "           ", "binTrans   "]),
         "name": words(["Time", "T"]), "description": words(["Time in [s]", "[degC]"]),
         "dataInfo": np.array([[0, 2], [1, 2], [0, 0], [-1, -1]], dtype=np.int32),
-        "data_1": np.array([[T[0], T[-1]]]), "data_2": np.array([T, recorded(17.0)]),
+        "data_1": np.array([[T[0], T[-1]]]), "data_2": np.array([T, x]),
     }, format="4")  # fmt: skip
 
 
@@ -107,10 +107,9 @@ def main():
     """Print, or write."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        for name, write in (
-            ("runs", texts), ("log.mf4", mdf), ("flight.ulg", ulog), ("result.mat", dymola),
-        ):  # fmt: skip
-            write(folder / name)
+        texts(folder / "runs")
+        for name, write in (("log.mf4", mdf), ("flight.ulg", ulog), ("result.mat", dymola)):
+            write(folder / name, recorded(17.0))
         names = ("runs", "log.mf4", "flight.ulg", "result.mat")
         text = "\n\n".join(told(name, folder) for name in names)
     if "--write" in sys.argv:

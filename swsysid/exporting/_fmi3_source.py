@@ -1,15 +1,7 @@
-"""The interface of FMI 3 for model exchange; the names that begin with ``NAME`` are the model's."""
+"""What FMI 3 has and FMI 2 has not; the names that begin with ``NAME`` are the model's."""
 
 FMI3 = r"""
 #define NAME_TIME (NAME_ASKED + 3)  /* after it the indicators, as variables */
-
-const char *fmi3GetVersion(void) { return fmi3Version; }
-
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String names[])
-{
-    (void)c; (void)on; (void)n; (void)names;
-    return fmi3OK;
-}
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String place,
                                           fmi3Boolean seen, fmi3Boolean log,
@@ -45,25 +37,12 @@ fmi3Instance fmi3InstantiateScheduledExecution(
     return NULL;
 }
 
-void fmi3FreeInstance(fmi3Instance c) { free(c); }
-
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance,
                                        fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean has_stop, fmi3Float64 stop)
 {
     (void)has_tolerance; (void)tolerance; (void)has_stop; (void)stop;
     ((NAME_unit *)c)->t = start;
-    return fmi3OK;
-}
-
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
-{
-    return NAME_begin(c) ? fmi3Error : fmi3OK;
-}
-
-fmi3Status fmi3Reset(fmi3Instance c)
-{
-    NAME_anew(c);
     return fmi3OK;
 }
 
@@ -81,58 +60,12 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
     return fmi3OK;
 }
 
-#define NOTHING(what) fmi3Status fmi3##what(fmi3Instance c) { (void)c; return fmi3OK; }
-NOTHING(EnterEventMode)
-NOTHING(EnterContinuousTimeMode)
-NOTHING(Terminate)
 NOTHING(EvaluateDiscreteStates)
 NOTHING(EnterConfigurationMode)
 NOTHING(ExitConfigurationMode)
+
 #define REFUSED(what) fmi3Status fmi3##what(fmi3Instance c) { (void)c; return fmi3Error; }
 REFUSED(EnterStepMode)
-
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean last, fmi3Boolean *enter,
-                                       fmi3Boolean *stop)
-{
-    (void)c; (void)last;
-    *enter = *stop = fmi3False;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 t) { ((NAME_unit *)c)->t = t; return fmi3OK; }
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n)
-{
-    memcpy(((NAME_unit *)c)->x, x, n * sizeof *x);
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n)
-{
-    memcpy(x, ((NAME_unit *)c)->x, n * sizeof *x);
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 dx[], size_t n)
-{
-    NAME_unit *m = c;
-    (void)n;
-    NAME_rhs(m->mode, m->x, m->u, m->t, dx);
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 z[], size_t n)
-{
-    for (size_t e = 0; e < n; e++) z[e] = NAME_indicator(c, (int)e);
-    return fmi3OK;
-}
-
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n)
-{
-    (void)c;
-    memcpy(x, NAME_size, n * sizeof *x);
-    return fmi3OK;
-}
 
 fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance c, size_t *n)
 {
@@ -210,102 +143,75 @@ fmi3Status fmi3SetInt32(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
     fmi3Status fmi3Set##what(fmi3Instance c, const fmi3ValueReference vr[], size_t n,              \
                              const fmi3##what v[], size_t m)                                       \
     { (void)c; (void)vr; (void)v; (void)m; return n ? fmi3Error : fmi3OK; }
+
 NONE(Float32) NONE(Int8) NONE(UInt8) NONE(Int16) NONE(UInt16) NONE(UInt32) NONE(Int64)
 NONE(UInt64) NONE(Boolean) NONE(String)
 
 fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n, size_t sizes[],
                          fmi3Binary v[], size_t m)
 { (void)c; (void)vr; (void)sizes; (void)v; (void)m; return n ? fmi3Error : fmi3OK; }
+
 fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                          const size_t sizes[], const fmi3Binary v[], size_t m)
 { (void)c; (void)vr; (void)sizes; (void)v; (void)m; return n ? fmi3Error : fmi3OK; }
+
 fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3Clock v[])
 { (void)c; (void)vr; (void)v; return n ? fmi3Error : fmi3OK; }
+
 fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                         const fmi3Clock v[])
 { (void)c; (void)vr; (void)v; return n ? fmi3Error : fmi3OK; }
 
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *s)
-{
-    if (!*s) *s = malloc(sizeof(NAME_unit));
-    if (!*s) return fmi3Error;
-    memcpy(*s, c, sizeof(NAME_unit));
-    return fmi3OK;
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState s)
-{
-    memcpy(c, s, sizeof(NAME_unit));
-    return fmi3OK;
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *s)
-{
-    (void)c;
-    free(*s);
-    *s = NULL;
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState s, size_t *n)
-{
-    (void)c; (void)s;
-    *n = sizeof(NAME_unit);
-    return fmi3OK;
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState s, fmi3Byte b[], size_t n)
-{
-    (void)c;
-    memcpy(b, s, n);
-    return fmi3OK;
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte b[], size_t n, fmi3FMUState *s)
-{
-    fmi3Status done = fmi3GetFMUState(c, s);
-    if (done == fmi3OK) memcpy(*s, b, n);
-    return done;
-}
-
 /* what no unit of this kind has */
+
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance c, fmi3ValueReference vr, size_t *n)
 { (void)c; (void)vr; *n = 0; return fmi3Error; }
+
 fmi3Status fmi3GetVariableDependencies(fmi3Instance c, fmi3ValueReference vr, size_t a[],
                                        fmi3ValueReference b[], size_t d[], fmi3DependencyKind e[],
                                        size_t n)
 { (void)c; (void)vr; (void)a; (void)b; (void)d; (void)e; (void)n; return fmi3Error; }
+
 #define DERIVATIVE(what)                                                                           \
     fmi3Status fmi3Get##what##Derivative(                                                          \
         fmi3Instance c, const fmi3ValueReference y[], size_t n, const fmi3ValueReference x[],      \
         size_t m, const fmi3Float64 seed[], size_t k, fmi3Float64 out[], size_t l)                 \
     { (void)c; (void)y; (void)n; (void)x; (void)m; (void)seed; (void)k; (void)out; (void)l;        \
       return fmi3Error; }
+
 DERIVATIVE(Directional) DERIVATIVE(Adjoint)
+
 #define OF_CLOCKS(what, first, second)                                                             \
     fmi3Status fmi3##what(fmi3Instance c, const fmi3ValueReference vr[], size_t n, first a[],      \
                           second b[])                                                              \
     { (void)c; (void)vr; (void)a; (void)b; return n ? fmi3Error : fmi3OK; }
+
 OF_CLOCKS(GetIntervalDecimal, fmi3Float64, fmi3IntervalQualifier)
 OF_CLOCKS(GetShiftFraction, fmi3UInt64, fmi3UInt64)
 OF_CLOCKS(SetIntervalFraction, const fmi3UInt64, const fmi3UInt64)
 OF_CLOCKS(SetShiftFraction, const fmi3UInt64, const fmi3UInt64)
+
 #define OF_CLOCK(what, type)                                                                       \
     fmi3Status fmi3##what(fmi3Instance c, const fmi3ValueReference vr[], size_t n, type a[])       \
     { (void)c; (void)vr; (void)a; return n ? fmi3Error : fmi3OK; }
+
 OF_CLOCK(GetShiftDecimal, fmi3Float64)
 OF_CLOCK(SetIntervalDecimal, const fmi3Float64)
 OF_CLOCK(SetShiftDecimal, const fmi3Float64)
+
 fmi3Status fmi3GetIntervalFraction(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                                    fmi3UInt64 a[], fmi3UInt64 b[], fmi3IntervalQualifier q[])
 { (void)c; (void)vr; (void)a; (void)b; (void)q; return n ? fmi3Error : fmi3OK; }
+
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
                                     const fmi3Int32 order[], fmi3Float64 value[], size_t m)
 { (void)c; (void)vr; (void)n; (void)order; (void)value; (void)m; return fmi3Error; }
+
 fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 t, fmi3Float64 h, fmi3Boolean last,
                       fmi3Boolean *event, fmi3Boolean *stop, fmi3Boolean *early, fmi3Float64 *done)
 { (void)c; (void)t; (void)h; (void)last; (void)event; (void)stop; (void)early; (void)done;
   return fmi3Error; }
+
 fmi3Status fmi3ActivateModelPartition(fmi3Instance c, fmi3ValueReference clock, fmi3Float64 t)
 { (void)c; (void)clock; (void)t; return fmi3Error; }
 """

@@ -12,20 +12,18 @@ from xml.etree.ElementTree import SubElement
 from swsysid._whole_or_nothing import written_beside
 from swsysid.exporting._c import formulas, listed, with_switches
 from swsysid.exporting._expressions import NoFormulaError
-from swsysid.exporting._fmi3_source import FMI3
-from swsysid.exporting._fmu_source import EVENTS, FMI2
+from swsysid.exporting._fmu_source import EVENTS, INTERFACES
 from swsysid.exporting._system import HybridSystem
 from swsysid.exporting._text import identifiers
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # equal models are equal files
-_INTERFACES = {2: FMI2, 3: FMI3}
 _OWN = ("mode", "mode_start", "mode_or_slide", "time")
 _MODE_START = "mode to start in; -1 is the one that the state tells"
 
 
 def write_fmu(system: HybridSystem, path: str | Path, name: str, version: int) -> None:
     """Write the unit: its description, that of its build where FMI 3 asks for it, one C file."""
-    if version not in _INTERFACES:
+    if version not in INTERFACES:
         raise ValueError(f"fmi_version={version!r} is neither 2 nor 3.")
     if system.discrete_time:
         raise NoFormulaError(
@@ -59,7 +57,7 @@ def _source(
             f"static const double {prefix}_size[] = {{{listed(written.sizes)}}};",
             f"static const double {prefix}_origin[] = {{{listed(written.origin)}}};",
             f"static const int {prefix}_first = {first};",
-            (EVENTS + _INTERFACES[version]).replace("NAME", prefix),
+            (EVENTS + INTERFACES[version]).replace("NAME", prefix),
         ]
     )
 

@@ -1,7 +1,9 @@
-"""What the source of a unit has beside its formulas: events, and the interface of FMI 2.
+"""What the source of a unit has beside its formulas: events, and the interface of FMI 2 and 3.
 
 The names that begin with ``NAME`` are replaced by that of the model.
 """
+
+from swsysid.exporting._fmi3_source import FMI3
 
 EVENTS = r"""
 typedef struct {
@@ -105,9 +107,132 @@ static double *NAME_place(NAME_unit *m, unsigned vr)
 }
 """
 
-FMI2 = r"""
+# What both versions have, in the names of FMI 3.
+_BOTH = r"""
+const char *fmi3GetVersion(void) { return fmi3Version; }
+
+fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t n, const fmi3String names[])
+{
+    (void)c; (void)on; (void)n; (void)names;
+    return fmi3OK;
+}
+
+void fmi3FreeInstance(fmi3Instance c) { free(c); }
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
+{
+    return NAME_begin(c) ? fmi3Error : fmi3OK;
+}
+
+#define NOTHING(what) fmi3Status fmi3##what(fmi3Instance c) { (void)c; return fmi3OK; }
+NOTHING(EnterEventMode)
+NOTHING(EnterContinuousTimeMode)
+NOTHING(Terminate)
+
+fmi3Status fmi3Reset(fmi3Instance c)
+{
+    NAME_anew(c);
+    return fmi3OK;
+}
+
+fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean last, fmi3Boolean *enter,
+                                       fmi3Boolean *stop)
+{
+    (void)c; (void)last;
+    *enter = *stop = fmi3False;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 t) { ((NAME_unit *)c)->t = t; return fmi3OK; }
+
+fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 x[], size_t n)
+{
+    memcpy(((NAME_unit *)c)->x, x, n * sizeof *x);
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n)
+{
+    memcpy(x, ((NAME_unit *)c)->x, n * sizeof *x);
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance c, fmi3Float64 dx[], size_t n)
+{
+    NAME_unit *m = c;
+    (void)n;
+    NAME_rhs(m->mode, m->x, m->u, m->t, dx);
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetEventIndicators(fmi3Instance c, fmi3Float64 z[], size_t n)
+{
+    for (size_t e = 0; e < n; e++) z[e] = NAME_indicator(c, (int)e);
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance c, fmi3Float64 x[], size_t n)
+{
+    (void)c;
+    memcpy(x, NAME_size, n * sizeof *x);
+    return fmi3OK;
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *s)
+{
+    if (!*s) *s = malloc(sizeof(NAME_unit));
+    if (!*s) return fmi3Error;
+    memcpy(*s, c, sizeof(NAME_unit));
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState s)
+{
+    memcpy(c, s, sizeof(NAME_unit));
+    return fmi3OK;
+}
+
+fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *s)
+{
+    (void)c;
+    free(*s);
+    *s = NULL;
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState s, size_t *n)
+{
+    (void)c; (void)s;
+    *n = sizeof(NAME_unit);
+    return fmi3OK;
+}
+
+fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState s, fmi3Byte b[], size_t n)
+{
+    (void)c;
+    memcpy(b, s, n);
+    return fmi3OK;
+}
+
+fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte b[], size_t n, fmi3FMUState *s)
+{
+    fmi3Status done = fmi3GetFMUState(c, s);
+    if (done == fmi3OK) memcpy(*s, b, n);
+    return done;
+}
+"""
+
+_NAMES_OF_2 = {
+    "fmi3Instance": "fmi2Component",
+    "fmi3Float64": "fmi2Real",
+    "GetContinuousStateDerivatives": "GetDerivatives",
+    "FMUState": "FMUstate",
+    "Deserialize": "DeSerialize",
+    "fmi3": "fmi2",
+}
+
+_FMI2 = r"""
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
-const char *fmi2GetVersion(void) { return fmi2Version; }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String place,
                               const fmi2CallbackFunctions *calls, fmi2Boolean seen, fmi2Boolean log)
@@ -119,14 +244,6 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return m;
 }
 
-void fmi2FreeInstance(fmi2Component c) { free(c); }
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-    NAME_anew(c);
-    return fmi2OK;
-}
-
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance,
                                fmi2Real start, fmi2Boolean has_stop, fmi2Real stop)
 {
@@ -135,12 +252,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2R
     return fmi2OK;
 }
 
-fmi2Status fmi2EnterInitializationMode(fmi2Component c) { (void)c; return fmi2OK; }
-
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-    return NAME_begin(c) ? fmi2Error : fmi2OK;
-}
+NOTHING(EnterInitializationMode)
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
 {
@@ -154,53 +266,6 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
     info->valuesOfContinuousStatesChanged = memcmp(before, m->x, sizeof before) != 0;
     info->nextEventTimeDefined = fmi2False;
     info->nextEventTime = 0.0;
-    return fmi2OK;
-}
-
-fmi2Status fmi2EnterEventMode(fmi2Component c) { (void)c; return fmi2OK; }
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { (void)c; return fmi2OK; }
-fmi2Status fmi2Terminate(fmi2Component c) { (void)c; return fmi2OK; }
-
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean last, fmi2Boolean *enter,
-                                       fmi2Boolean *stop)
-{
-    (void)c; (void)last;
-    *enter = *stop = fmi2False;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real t) { ((NAME_unit *)c)->t = t; return fmi2OK; }
-
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n)
-{
-    memcpy(((NAME_unit *)c)->x, x, n * sizeof *x);
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
-{
-    memcpy(x, ((NAME_unit *)c)->x, n * sizeof *x);
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n)
-{
-    NAME_unit *m = c;
-    (void)n;
-    NAME_rhs(m->mode, m->x, m->u, m->t, dx);
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n)
-{
-    for (size_t e = 0; e < n; e++) z[e] = NAME_indicator(c, (int)e);
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
-{
-    (void)c;
-    memcpy(x, NAME_size, n * sizeof *x);
     return fmi2OK;
 }
 
@@ -256,57 +321,9 @@ fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t
     fmi2Status fmi2Set##what(fmi2Component c, const fmi2ValueReference vr[], size_t n,             \
                              const type v[])                                                       \
     { (void)c; (void)vr; (void)v; return n ? fmi2Error : fmi2OK; }
+
 NONE(Boolean, fmi2Boolean)
 NONE(String, fmi2String)
-
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String names[])
-{
-    (void)c; (void)on; (void)n; (void)names;
-    return fmi2OK;
-}
-
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *s)
-{
-    if (!*s) *s = malloc(sizeof(NAME_unit));
-    if (!*s) return fmi2Error;
-    memcpy(*s, c, sizeof(NAME_unit));
-    return fmi2OK;
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate s)
-{
-    memcpy(c, s, sizeof(NAME_unit));
-    return fmi2OK;
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *s)
-{
-    (void)c;
-    free(*s);
-    *s = NULL;
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate s, size_t *n)
-{
-    (void)c; (void)s;
-    *n = sizeof(NAME_unit);
-    return fmi2OK;
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate s, fmi2Byte b[], size_t n)
-{
-    (void)c;
-    memcpy(b, s, n);
-    return fmi2OK;
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte b[], size_t n, fmi2FMUstate *s)
-{
-    fmi2Status done = fmi2GetFMUstate(c, s);
-    if (done == fmi2OK) memcpy(*s, b, n);
-    return done;
-}
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference y[], size_t n,
                                         const fmi2ValueReference x[], size_t m,
@@ -316,3 +333,12 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
     return fmi2Error;
 }
 """
+
+
+def _named_as_in_2(source: str) -> str:
+    for new, old in _NAMES_OF_2.items():
+        source = source.replace(new, old)
+    return source
+
+
+INTERFACES = {2: _named_as_in_2(_BOTH) + _FMI2, 3: _BOTH + FMI3}

@@ -1,12 +1,11 @@
 """Several files, folders and files of loggers in one command: the same answer as from one table."""
 
 import re
-import struct
 import zipfile
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+from documentation import script
 from scipy.optimize import brentq
 
 from swsysid import HybridAutomaton, load_model
@@ -145,30 +144,19 @@ def _mdf(path):
         file.save(path, overwrite=True)
 
 
-def _ulog(path):
-    def message(kind, content):
-        return struct.pack("<HB", len(content), ord(kind)) + content
+def _formats():
+    """The script of the page, which writes files as tools do."""
+    for tool in ("asammdf", "fmpy"):
+        pytest.importorskip(tool)
+    return script("formats")
 
-    data = [message("D", struct.pack("<HQd", 0, int(t * 1e6), x))
-            for t, x in zip(T, RUNS[0], strict=True)]  # fmt: skip
-    path.write_bytes(b"".join([
-        b"ULog\x01\x12\x35\x01", struct.pack("<Q", 0), message("B", bytes(40)),
-        message("F", b"box:uint64_t timestamp;double T;"),
-        message("A", struct.pack("<BH", 0, 0) + b"box"), *data,
-    ]))  # fmt: skip
+
+def _ulog(path):
+    _formats().ulog(path, RUNS[0])
 
 
 def _dymola(path):
-    def words(names):
-        wide = [name.ljust(max(map(len, names))) for name in names]
-        return np.array(["".join(row) for row in zip(*wide, strict=True)])
-
-    savemat(path, {
-        "Aclass": np.array(["Atrajectory", "1.1        ", "           ", "binTrans   "]),
-        "name": words(["Time", "T"]), "description": words(["Time in [s]", "[degC]"]),
-        "dataInfo": np.array([[0, 1, 0, -1], [2, 2, 0, -1]], dtype=np.int32).T,
-        "data_1": np.array([[T[0], T[-1]]]), "data_2": np.array([T, RUNS[0]]),
-    }, format="4")  # fmt: skip
+    _formats().dymola(path, RUNS[0])
 
 
 def _unit(path):

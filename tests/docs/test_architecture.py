@@ -1,9 +1,9 @@
 """The page about the architecture shows every room and says what its script prints."""
 
-import importlib.util
 from pathlib import Path
 
 import pytest
+from documentation import script
 
 import swsysid
 
@@ -14,11 +14,7 @@ NOT_DRAWN = {"__init__", "__main__"}
 
 @pytest.fixture(scope="module")
 def architecture():
-    file = ROOT / "docs" / "architecture.py"
-    specification = importlib.util.spec_from_file_location("architecture", file)
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return script("architecture")
 
 
 def test_every_room_is_drawn_once(architecture):

@@ -1,7 +1,6 @@
 """What a newcomer meets first: the shipped recording, the command line's reference, how to cite."""
 
 import ast
-import importlib.util
 import inspect
 import os
 import re
@@ -13,6 +12,7 @@ from pathlib import Path
 import pytest
 import sklearn.model_selection
 import yaml
+from documentation import script
 
 import swsysid
 import swsysid.refinement
@@ -20,14 +20,6 @@ import swsysid.refinement
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 CART = ROOT / "examples" / "cart"
-
-
-def _script(name):
-    """A script of the documentation, as a module."""
-    specification = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
 
 
 def _text(name):
@@ -43,7 +35,7 @@ def test_the_shipped_recording_is_what_its_script_writes(tmp_path):
 @pytest.mark.nightly
 def test_the_page_shows_what_the_first_command_prints(tmp_path):
     """The second one, which takes minutes, is compared whenever the pages are built."""
-    runs = _script("printed_runs")
+    runs = script("printed_runs")
     page = _text("docs/from_csv.md")
     (name, command, shown), *_ = runs.RUN.findall(page)
     assert name == "identify"
@@ -63,7 +55,7 @@ def test_the_page_shows_what_the_first_command_prints(tmp_path):
 
 
 def test_a_page_that_shows_another_text_is_noticed():
-    runs = _script("printed_runs")
+    runs = script("printed_runs")
     assert runs.alike("error 0.140 V\n", "error 0.141 V\n", 0.05)
     assert not runs.alike("error 0.140 V\n", "error 0.400 V\n", 0.05)
     assert not runs.alike("error 0.140 V\n", "errors 0.140 V\n", 0.05)
@@ -74,7 +66,7 @@ def test_a_page_that_shows_another_text_is_noticed():
 
 
 def test_the_reference_of_the_command_line_is_its_help():
-    help_ = _script("command_help")
+    help_ = script("command_help")
     done = subprocess.run(
         [sys.executable, "-m", "swsysid", "--help"],
         env={**os.environ, "COLUMNS": str(help_.WIDTH)},
@@ -108,7 +100,7 @@ def test_the_citation_names_this_version_and_the_paper():
 
 def test_the_chart_of_settings_names_what_exists():
     """Every setting of the chart is accepted, and the filled ones are the defaults."""
-    chart = _script("choice_chart")
+    chart = script("choice_chart")
     settings = {setting for _, answers in chart.QUESTIONS for _, setting in answers}
     assert settings >= chart.DEFAULTS
     model = swsysid.SwitchingSystemRegressor()

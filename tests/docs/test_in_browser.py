@@ -4,7 +4,6 @@ With ``SWSYSID_PYODIDE``, the folder of a full distribution of Pyodide, its Pyth
 browser; without, the Python of the tests stands in (`page_server`).
 """
 
-import importlib.util
 import json
 import os
 import re
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import opened, rendered
+from documentation import script
 from page_server import served
 
 from swsysid.__main__ import main
@@ -65,11 +65,8 @@ tell({ said: one("said").textContent, kind: one("said").className, shown: !one("
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The page as the documentation lays it."""
-    specification = importlib.util.spec_from_file_location("lay", DOCS / "in_browser_site.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
     folder = tmp_path_factory.mktemp("site")
-    module.lay(folder)
+    script("in_browser_site").lay(folder)
     return folder
 
 

@@ -1,6 +1,5 @@
 """What a user installs: the wheel holds the package, and the README's commands run from it."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -10,6 +9,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from documentation import script
 from test_docs import BLOCK, _prints
 
 ROOT = Path(__file__).parents[2]
@@ -22,12 +22,7 @@ COMMANDS = re.findall(r"^python -m (swsysid .*)$", README, re.M)
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    specification = importlib.util.spec_from_file_location(
-        "site_with_wheel", ROOT / "docs" / "in_browser_site.py"
-    )
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module.build_wheel(tmp_path_factory.mktemp("wheel"))
+    return script("in_browser_site").build_wheel(tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The report of a search for effects: words, a dictionary, pictures and a page."""
 
-import importlib.util
 import json
 from dataclasses import replace
 from html import escape
@@ -16,6 +15,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from documentation import script
 
 from swsysid import EffectRegressor, EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
@@ -441,11 +441,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_table_of_effects_in_the_documentation_is_the_library():
-    specification = importlib.util.spec_from_file_location("table", ROOT / "docs/effect_table.py")
-    script = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(script)
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    assert script.page_with_tables() == page, "run docs/effect_table.py --write"
+    assert script("effect_table").page_with_tables() == page, "run docs/effect_table.py --write"
     assert all(f"| `{effect.kind}` |" in page for effect in all_effects())
     for name in ("README.md", "CHANGELOG.md"):
         assert f"{len(all_effects())} kinds" in (ROOT / name).read_text(encoding="utf-8")

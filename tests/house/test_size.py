@@ -67,7 +67,7 @@ MOST_LINES = {
     "_effect_model": 2370,
     "_effect_search": 9160,
     "effects": 3990,
-    "exporting": 3400,
+    "exporting": 3330,
     "_free_rollouts": 890,
     "_identification": 2850,
     "_known": 1230,
