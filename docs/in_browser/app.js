@@ -11,7 +11,7 @@ const say = (text, refused = false) => {
   one("said").className = refused ? "refused" : "";
 };
 
-// Python takes half a minute to come, once; afterwards it waits in the worker
+// Python comes once, which takes a while; afterwards it waits in the worker.
 const python = () => {
   if (!worker) {
     worker = new Worker("worker.js", { type: "module" });
@@ -33,7 +33,7 @@ const busy = (what) => {
   return () => { clearInterval(timer); one("go").disabled = false; };
 };
 const working = async (what, question) => {
-  let done = busy("Python is loaded, some 30 MB at the first time");
+  let done = busy("Python is loaded, which takes longest at the first time");
   let answer = await python();
   done();
   if (!answer.refused) {
@@ -102,5 +102,5 @@ one("go").onclick = async () => {
   one("answer").hidden = false;
   one("answer").scrollIntoView();
 };
-// nothing stops Python but its end: what was loaded comes again, the file is read again
+// Nothing stops Python but its end: what was loaded comes again, the file is read again.
 one("stop").onclick = () => location.reload();

@@ -101,7 +101,9 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"swsysid {__version__}")
     _add_recording(parser.add_argument)
-    _add_model(parser.add_argument)
+    _add_preparation(parser.add_argument)
+    _add_laws(parser.add_argument)
+    _add_run(parser.add_argument)
     _add_diagnosis(parser.add_argument)
     return parser
 
@@ -118,7 +120,7 @@ def _filled(text: str) -> str:
 
 
 def _add_recording(add: Callable) -> None:
-    """What was measured, and how velocities are made of it."""
+    """What was measured: files, and which of their columns are what."""
     add(
         "files",
         nargs="*",
@@ -168,6 +170,11 @@ def _add_recording(add: Callable) -> None:
         default=1,
         help="2: the states are positions and their second derivatives obey the law",
     )
+    add("--units", **_NAMES, metavar="NAME=UNIT", help="such as q=m,force=N")
+
+
+def _add_preparation(add: Callable) -> None:
+    """What is mended or left out, and how velocities are made of the rest."""
     add(
         "--missing",
         nargs="+",
@@ -180,7 +187,6 @@ def _add_recording(add: Callable) -> None:
         action="store_true",
         help="use cells that look like no measurement (9999, isolated spikes) all the same",
     )
-    add("--units", **_NAMES, metavar="NAME=UNIT", help="such as q=m,force=N")
     add(
         "--method",
         choices=("savitzky_golay", "butterworth", "finite_difference"),
@@ -198,8 +204,8 @@ def _add_recording(add: Callable) -> None:
     )
 
 
-def _add_model(add: Callable) -> None:
-    """The law that is looked for, how, and where the answer goes."""
+def _add_laws(add: Callable) -> None:
+    """The laws and surfaces that are looked for."""
     add(
         "--modes",
         help='number of modes, or "auto" (default: 2; auto with --automaton; with --diagnose one '
@@ -246,6 +252,10 @@ def _add_model(add: Callable) -> None:
         default="auto",
         help="with --order 2: may the law depend on the position? auto asks the data",
     )
+
+
+def _add_run(add: Callable) -> None:
+    """How far the work goes, how it is judged and where the answer goes."""
     add(
         "--quick",
         action="store_true",

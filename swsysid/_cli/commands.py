@@ -15,6 +15,8 @@ from sklearn.base import BaseEstimator
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._checks.estimators import column_names
+from swsysid._pipelines import switching_step
+from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
 from swsysid._saving.files import Recording, load_model
 from swsysid._tables.readers import read_table
@@ -53,8 +55,12 @@ def simulate(arguments: argparse.Namespace) -> str:
     if not isinstance(model, _Simulates):
         raise TableError(f"{arguments.model} holds a {type(model).__name__}, which has no rollout.")
     x0 = np.array(arguments.x0)
-    names = _names(model)
-    states, wanted = names[: len(x0)], names[len(x0) :]
+    names, n_states = _names(model), _n_states(model)
+    states, wanted = names[:n_states], names[n_states:]
+    if len(x0) != n_states:
+        raise TableError(
+            f"--x0 holds {counted(len(x0), 'number')}; the states are {', '.join(states)}."
+        )
     options: dict[str, object] = {} if arguments.mode is None else {"mode": arguments.mode}
     if options and not isinstance(model, HybridAutomaton | HybridAutomatonRegressor):
         raise TableError("the state tells the mode of this model; leave out --mode.")
@@ -155,6 +161,14 @@ def _names(model: BaseEstimator | HybridAutomaton) -> list[str]:
     if isinstance(model, TrajectoryIdentifier):
         model = model.estimator_
     return column_names(model)
+
+
+def _n_states(model: object) -> int:
+    """Number of the laws of a mode, where effects stand beside them or steps before them too."""
+    while "estimator_" in vars(model):
+        model = vars(model)["estimator_"]
+    _, model = switching_step(model)
+    return model.n_states if isinstance(model, HybridAutomaton) else len(vars(model)["coef_"][0])
 
 
 def _inputs(table: Table, time: str | None, wanted: Sequence[str]) -> tuple[Array, Array | None]:

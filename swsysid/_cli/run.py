@@ -39,15 +39,17 @@ _WITHOUT_MEANING = {"files", "output", "html", "jobs", "verbose", "checkpoint"}
 def run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
     """Identify, print and save; the exit code is 1 for a failed solver."""
     try:
-        with _kept(arguments):
-            return _run(table, measurement, arguments)
+        checksum = _checksum(arguments.files)
+        with _kept(arguments, checksum):
+            return _run(table, measurement, arguments, checksum)
     except SolverError as error:
         print(f"swsysid: {error}", file=sys.stderr)
         return 1
 
 
-def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) -> int:
-    checksum = _checksum(arguments.files)
+def _run(
+    table: Table, measurement: Measurement, arguments: argparse.Namespace, checksum: str
+) -> int:
     prepare(arguments.output, table.source, checksum)
     watched = is_watched(arguments.verbose)
     options = _options(arguments, measurement)
@@ -78,14 +80,14 @@ def _run(table: Table, measurement: Measurement, arguments: argparse.Namespace) 
 
 
 @contextmanager
-def _kept(arguments: argparse.Namespace) -> Iterator[None]:
+def _kept(arguments: argparse.Namespace, checksum: str) -> Iterator[None]:
     """Steps of the work go into a folder, if one is named; of other work it is refused."""
     if arguments.checkpoint is None:
         yield
         return
     told = {name: repr(value) for name, value in sorted(vars(arguments).items())
             if name not in _WITHOUT_MEANING}  # fmt: skip
-    work = {"recording": _checksum(arguments.files), **told, **versions()}
+    work = {"recording": checksum, **told, **versions()}
     with journal(arguments.checkpoint, work), handing_over(lambda found: None):
         yield
 

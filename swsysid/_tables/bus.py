@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,17 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
     for one in described:
         database.add_dbc_file(str(one))
     found: dict[tuple[str, tuple[str, ...]], tuple[list[float], list[tuple]]] = {}
-    first, unknown = None, 0
-    with can.LogReader(str(path)) as log:
+    first, unknown, told = None, 0, []
+    with ExitStack() as opened:
+        log: Iterable[can.Message]
+        if path.suffix.lower() == ".blf":
+            # BLFReader leaves open what its constructor refuses, and reads a cut log as a short one
+            log = can.BLFReader(opened.enter_context(path.open("rb")))
+            there, whole = path.stat().st_size, log.file_size
+            if there < whole:
+                told.append(f"The log is cut: {there:,} of its {whole:,} bytes are there.")
+        else:
+            log = opened.enter_context(can.LogReader(str(path)))
         for frame in log:
             first = frame.timestamp if first is None else first
             if frame.is_error_frame or frame.is_remote_frame:
@@ -43,7 +53,8 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
             t, rows = found.setdefault((message.name, tuple(values)), ([], []))
             t.append(frame.timestamp - first)
             rows.append(tuple(values.values()))
-    told = [f"Frames that the database does not know: {unknown:,}."] if unknown else []
+    if unknown:
+        told.append(f"Frames that the database does not know: {unknown:,}.")
     for (name, signals), (t, rows) in found.items():
         known = {one.name: one for one in database.get_message_by_name(name).signals}
         words = [

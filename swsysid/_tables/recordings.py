@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
@@ -34,19 +34,27 @@ class ReadRecording(TypedDict, total=False):
 
 
 class ReadRecordings(list[ReadRecording]):
-    """Recordings, a list as `fit` takes it; as text a table of what was read, from where.
+    """Recordings, a list as `fit` takes it; as text what was read, from where, and what was not.
 
     Attributes
     ----------
     columns : list of ReadColumn
+    remarks : list of str
+        What reading had to do or to leave out.
     """
 
-    def __init__(self, runs: Sequence[ReadRecording], columns: Sequence[ReadColumn]):
+    def __init__(
+        self,
+        runs: Sequence[ReadRecording],
+        columns: Sequence[ReadColumn],
+        remarks: Iterable[str] = (),
+    ):
         super().__init__(runs)
         self.columns = list(columns)
+        self.remarks = list(remarks)
 
     def __str__(self) -> str:
-        return columns_read(self.columns)
+        return "\n".join([columns_read(self.columns), *self.remarks])
 
 
 def read_recordings(
@@ -106,17 +114,17 @@ def read_recordings(
     >>> len(runs), runs[0]["x"]["x"].tolist()
     (2, [1.0, 2.0])
     >>> print(str(runs).splitlines()[1])
-      0 x                    2        2 run2.csv: x
+    0-1 x                    2        2 run2.csv to run10.csv: x
     """
     if not states:
         raise TableError("states names no column; name those of the states.")
     wanted = [*states, *inputs]
-    runs = [
-        joined(number, tables, wanted, time)
-        for number, tables in enumerate(runs_among(read_files(paths, units, missing), wanted))
-    ]
+    found = runs_among(read_files(paths, units, missing), wanted)
+    runs = [joined(number, tables, wanted, time) for number, tables in enumerate(found)]
     return ReadRecordings(
-        [_recording(run, states, inputs) for run in runs], [one for run in runs for one in run.told]
+        [_recording(run, states, inputs) for run in runs],
+        [one for run in runs for one in run.told],
+        dict.fromkeys(remark for tables in found for table in tables for remark in table.remarks),
     )
 
 

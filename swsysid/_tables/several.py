@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -53,21 +55,40 @@ class ReadColumn:
 
 
 def columns_read(told: Sequence[ReadColumn]) -> str:
-    """A table of where channels came from, the first of them."""
-    shown = told[:_MOST_LINES]
+    """A table of where channels came from; runs that look alike share the lines of their channels.
+
+    Examples
+    --------
+    >>> told = [ReadColumn(k, "x", f"{k}.csv", "x", "m", 5, 2.0) for k in range(100)]
+    >>> print(columns_read(told))
+     run channel  unit     rows     rate file
+    0-99 x        m           5        2 0.csv to 99.csv: x
+    """
+    runs = [list(run) for _, run in groupby(told, key=attrgetter("run"))]
+    alike = [list(each) for _, each in groupby(runs, key=_but_run_and_file)]
+    ends = [pair for each in alike for pair in zip(each[0], each[-1], strict=True)]
+    shown = ends[:_MOST_LINES]
     lines = text_table(
         [
-            ("run", ">3", [str(one.run) for one in shown]),
-            ("channel", "<8", [one.channel for one in shown]),
-            ("unit", "<6", [one.unit for one in shown]),
-            ("rows", ">6", [str(one.rows) for one in shown]),
-            ("rate", ">8", [f"{one.rate:.6g}" for one in shown]),
-            ("file", "", [f"{one.file}: {one.column}" for one in shown]),
+            ("run", ">3", [_from_to(one.run, last.run, "-") for one, last in shown]),
+            ("channel", "<8", [one.channel for one, _ in shown]),
+            ("unit", "<6", [one.unit for one, _ in shown]),
+            ("rows", ">6", [str(one.rows) for one, _ in shown]),
+            ("rate", ">8", [f"{one.rate:.6g}" for one, _ in shown]),
+            ("file", "", [f"{_from_to(a.file, b.file, ' to ')}: {a.column}" for a, b in shown]),
         ]
     )
-    if more := len(told) - len(shown):
-        lines.append(f"and {counted(more, 'channel')} more")
+    if more := len(ends) - len(shown):
+        lines.append(f"and {counted(more, 'line')} more")
     return "\n".join(lines)
+
+
+def _but_run_and_file(run: Sequence[ReadColumn]) -> list[ReadColumn]:
+    return [replace(one, run=0, file="", rate=float(f"{one.rate:.6g}")) for one in run]
+
+
+def _from_to(first: object, last: object, between: str) -> str:
+    return f"{first}" if first == last else f"{first}{between}{last}"
 
 
 # --- which files --------------------------------------------------------------------------------
@@ -135,11 +156,7 @@ def _with_units(table: Table, units: Mapping[str, str]) -> Table:
 
 
 def _has(table: Table, name: str) -> bool:
-    try:
-        table.resolve(name)
-    except TableError:
-        return False
-    return True
+    return table.find(name) is not None
 
 
 def _refuse(tables: Sequence[Table], name: str) -> NoReturn:
@@ -199,11 +216,8 @@ def joined(number: int, tables: Sequence[Table], names: Sequence[str], time: str
     known: dict[int, Array] = {}
     for name, table, shift in zip(names, owners, shifts, strict=True):
         spelled, clock = table.spelled([name]), clock_of(table, time)
-        if id(table) not in known:
-            known[id(table)] = spelled.numbers([clock, name])[:, 0] + shift
-        t, values = known[id(table)], spelled.numbers([name])[:, 0]
-        if len(t) != len(values):
-            spelled.numbers([clock, name])  # which says so
+        own, values = spelled.numbers([clock, name]).T
+        t = known.setdefault(id(table), own + shift)
         columns.append(values)
         clocks.append(t)
         told.append(read_column(number, name, table, t, values))

@@ -43,15 +43,20 @@ class Table:
     # Of several files below each other, their names and the numbers before those of their rows.
     files: tuple[tuple[int, str], ...] = ()
 
-    def resolve(self, name: str) -> str:
-        """The column called `name`, with or without its bracketed unit and its struct."""
+    def find(self, name: str) -> str | None:
+        """The column called `name`, with or without its bracketed unit and its struct, if any."""
         if name in self.columns:
             return name
         bare = {without_unit(column): column for column in self.columns}
         fields = [column for column in self.columns if column.endswith(f".{name}")]
-        if name in bare or len(fields) == 1:
-            return bare.get(name, *fields)
-        raise no_column(self.source, name, self.columns, self.listing())
+        return bare.get(name, fields[0] if len(fields) == 1 else None)
+
+    def resolve(self, name: str) -> str:
+        """As `find`; what is not there is refused."""
+        column = self.find(name)
+        if column is None:
+            raise no_column(self.source, name, self.columns, self.listing())
+        return column
 
     def title(self, name: str) -> str:
         """A column's name without its bracketed unit, where that still means this column."""

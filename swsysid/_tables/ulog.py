@@ -15,7 +15,8 @@ def read_ulog(path: Path, described: Sequence[Path]) -> Iterator[Table]:
     """Topics; a second instance of one is called ``topic_1``, its fields ``topic_1.field``."""
     import pyulog
 
-    log = pyulog.ULog(str(path))
+    with path.open("rb") as file:
+        log = pyulog.ULog(file)
     lost = sum(gap.duration for gap in log.dropouts) * 1e-3
     remarks = [f"The logger has {counted(len(log.dropouts), 'gap')}, {lost:.3g} s in all."]
     changed = {name for _, name, _ in log.changed_parameters}

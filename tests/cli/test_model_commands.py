@@ -6,9 +6,18 @@ import sys
 
 import numpy as np
 import pytest
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
-from swsysid import HybridAutomaton, Recording, SwitchingSystemRegressor, save_model
+from swsysid import (
+    EffectRegressor,
+    HybridAutomaton,
+    Recording,
+    SwitchingSystemRegressor,
+    save_model,
+)
 from swsysid.__main__ import main
+from swsysid.effects import CoulombFriction, PlacedEffect
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +57,22 @@ def test_simulate_along_inputs_of_a_file(folder, capsys):
     wanted = model.simulate([0.5, -0.2], t, np.sin(t)[:, None], input_hold="linear")
     np.testing.assert_array_equal(rows[:, 1:3], wanted.x)
     np.testing.assert_array_equal(rows[:, 3], wanted.modes)
+
+
+@pytest.mark.parametrize("declared", [
+    SwitchingSystemRegressor(1), make_pipeline(StandardScaler(), SwitchingSystemRegressor(1)),
+    HybridAutomaton.stated([{"x0": "x1", "x1": "-x0"}], states=["x0", "x1"]),
+])  # fmt: skip
+def test_the_states_of_a_model_with_effects_are_those_of_its_laws(declared, tmp_path, capsys):
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 2))
+    Xdot = np.column_stack([X[:, 1], -X[:, 0] - 0.3 * np.sign(X[:, 1])])
+    friction = PlacedEffect(CoulombFriction(), place=1, target=1)
+    model = EffectRegressor(declared, [friction]).fit(X, Xdot, t=0.01 * np.arange(200))
+    save_model(model, tmp_path / "model.json")
+    given = ["simulate", str(tmp_path / "model.json"), "--until", "1", "--x0"]
+    assert main([*given, "1,0", "--output", str(tmp_path / "out.csv")]) == 0
+    assert main([*given, "1"]) == 2
+    assert "--x0 holds 1 number; the states are x0, x1." in capsys.readouterr().err
 
 
 def test_simulate_for_a_time(folder):
@@ -97,6 +122,10 @@ def test_show(folder, capsys):
 
 @pytest.mark.parametrize(("given", "words"), [
     (["simulate", "ball.json", "--x0", "1,0"], "give --until T, or --input FILE"),
+    (["simulate", "model.json", "--x0", "0.5", "--input", "inputs.csv"],
+     "--x0 holds 1 number; the states are x, v."),
+    (["simulate", "ball.json", "--x0", "1,0,2", "--until", "2"],
+     "--x0 holds 3 numbers; the states are h, v."),
     (["simulate", "model.json", "--x0", "1,0", "--input", "rows.csv"], "name the time with --time"),
     (["simulate", "model.json", "--x0", "1,0", "--until", "2"], "the input u; give --input FILE"),
     (["simulate", "model.json", "--x0", "1,0", "--input", "inputs.csv", "--mode", "1"],

@@ -78,9 +78,8 @@ def test_a_folder_of_texts_is_an_automaton_and_a_unit(tmp_path, capsys):
     told = answer([tmp_path / "runs", "--states", "T", *AUTOMATON], capsys, tmp_path)
     lines = told.splitlines()
     place = lines.index("run channel  unit     rows     rate file")
-    assert [line.split()[-2:] for line in lines[place + 1 : place + 4]] == [
-        ["run1.csv:", "T"], ["run2.csv:", "T"], ["run10.csv:", "T"],
-    ]  # fmt: skip
+    assert lines[place + 1].split() == "0-2 T 240 10 run1.csv to run10.csv: T".split()
+    assert "run10.csv" not in "".join(lines[place + 2 :])
     is_the_thermostat(tmp_path)
     is_a_unit_that_runs(tmp_path)
 
@@ -105,7 +104,7 @@ def test_trajectories_within_runs(tmp_path, capsys):
         text(tmp_path / f"{number}.csv", t=np.tile(T, 2), T=both, day=np.repeat([3, 4], len(T)))
     given = [tmp_path / "0.csv", tmp_path / "1.csv", "--states", "T", "--quick"]
     told = answer([*given, "--groups", "day"], capsys, tmp_path)
-    assert "480 samples of 4 trajectories" in told or "of 4 trajectories" in told
+    assert "of 4 trajectories" in told
 
 
 def test_rows_are_those_of_their_file(tmp_path, capsys):

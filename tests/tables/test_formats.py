@@ -207,6 +207,19 @@ def test_named_values_of_a_bus_are_their_numbers(tmp_path):
             read_recordings(paths, states=["x"])
 
 
+def test_a_log_of_a_bus_that_is_cut_is_said_to_be(tmp_path):
+    pytest.importorskip("cantools")
+    _bus(tmp_path / "drive.blf")
+    files = [tmp_path / "drive.blf", tmp_path / "car.dbc"]
+    whole = read_recordings(files, states=["x"])
+    content = files[0].read_bytes()
+    files[0].write_bytes(content[:-40])
+    cut = read_recordings(files, states=["x"])
+    assert len(cut[0]["t"]) < len(whole[0]["t"]) and "cut" not in str(whole)
+    size = len(content)
+    assert f"The log is cut: {size - 40:,} of its {size:,} bytes are there." in cut.remarks
+
+
 def test_a_unit_is_run_and_read(tmp_path):
     pytest.importorskip("fmpy")
     stated = HybridAutomaton.stated(
@@ -220,8 +233,6 @@ def test_a_unit_is_run_and_read(tmp_path):
     np.testing.assert_allclose(run["x"]["T"], done.x[:, 0], atol=1e-3)
 
 
-# python-can leaves open what it could not read
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(("write", "name"), [
     (_modelica, "plant.mat"), (_ulog, "flight.ulg"), (_ros, "run.mcap"), (_comtrade, "relay.cfg"),
     (_comtrade, "relay.cff"), (_ros_1, "old.bag"), (_bus, "drive.blf"), (_bus, "drive.asc"),

@@ -93,6 +93,12 @@ def test_units_given_win_and_brackets_need_not_be_typed(written):
     assert table.numbers(["force"])[:, 0].tolist() == [1.0, 3.0]
 
 
+def test_a_name_without_its_unit_comes_before_fields_of_structs(written):
+    table = read_table(written("x [m],a.x,b.x,c.y\n1,2,3,4\n5,6,7,8"))
+    assert table.resolve("x") == "x [m]" and table.resolve("y") == "c.y"
+    assert table.find("z") is None
+
+
 def test_a_title_leaves_the_unit_out_unless_two_columns_share_it(written):
     table = read_table(written("x [m],v [m/s],v [ft/s]\n1,2,3\n"))
     assert [table.title(name) for name in ("x", "x [m]")] == ["x", "x"]
