@@ -18,6 +18,7 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.features import FeatureMap
 from swsysid._rendering.printing import counted
 from swsysid._results import Array
+from swsysid._stays.identification import StayIdentification
 
 # Digits of the numbers of rivals; samples that tell the first mode of a rollout.
 _DIGITS_OF_RIVALS, _MOST_FIRST_MODES = 4, 2000
@@ -161,8 +162,10 @@ class Assembled:
     order: NDArray[np.intp]
 
 
-def assembled(told: Told, feature_map: FeatureMap, interval: float) -> Assembled:
-    """The automaton in continuous time of what is told."""
+def assembled(told: Told, stays: StayIdentification) -> Assembled:
+    """The automaton in continuous time of what is told of stays."""
+    feature_map = stays.model.switching_model.feature_map
+    interval = stays.estimate.nodes.recordings.interval
     modes = [filled(own) for own in told.modes]
     order = order_of_modes(modes, len(told.coef))
     first_modes = first_modes_of(told.states, modes)

@@ -22,7 +22,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.assembly import (
     Assembled,
@@ -80,7 +79,7 @@ from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import ExactStart, Search
 from swsysid._stays.settings import StaySettings
 
-_Begun = tuple[HybridAutomaton, list[Array]]  # before it is refined, and the states of recordings
+_Begun = tuple[StayIdentification, Told]  # before it is refined
 
 
 def identified(
@@ -105,8 +104,9 @@ def identified(
     def begun(found: StayIdentification | _Begun) -> object:
         if isinstance(found, StayIdentification):
             return origin.told(found).model
-        automaton, states = found
-        states = [origin.states(own) for own in states]
+        stays, parts = found
+        states = [origin.states(own) for own in parts.states]
+        automaton = assembled(parts, stays).automaton
         return automaton_from(origin, automaton, states, given, estimator.feature_library)
 
     with handing_over(begun):
@@ -144,19 +144,13 @@ def _identified(
     if more is not None:
         stays, found = more, transitions_of(more, pieces, terms)
     found = _by_rollouts(given, stays, pieces, possible(found, stays))
+    parts, refinement = told_by_parts(given, stays, pieces, found), None
     if refine and found and followed is None:
         told()
-        begun = told_by_parts(given, stays, pieces, found)
-        features, interval = (
-            stays.model.switching_model.feature_map,
-            stays.estimate.nodes.recordings.interval,
-        )
-        offer((assembled(begun, features, interval).automaton, begun.states))
+        offer((stays, parts))
         parts, refinement = _refined_if_possible(
             without_limits(given), stays, pieces, found, settings, origin
         )
-    else:
-        parts, refinement = told_by_parts(given, stays, pieces, found), None
     shared = partial(_shared_exits, found, stays, origin)
     return _answer(given, stays, parts, refinement, search, candidates, shared, origin, known)
 
@@ -213,7 +207,7 @@ def _answer(
         modes = [np.where(own < 0, by, own) for own, by in zip(told.modes, known, strict=True)]
         told = replace(told, modes=modes)
     interval = stays.estimate.nodes.recordings.interval
-    found = assembled(told, stays.model.switching_model.feature_map, interval)
+    found = assembled(told, stays)
     automaton, order = found.automaton, found.order
     modes = [np.argsort(order)[filled(own)] for own in told.modes]
     laws = replace(stays.estimate.laws, coef=told.coef)
@@ -256,15 +250,13 @@ def _by_rollouts(
     given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
 ) -> list[Settled]:
     """The same with guards that free rollouts prefer to their rivals."""
-    feature_map = stays.model.switching_model.feature_map
-    interval = stays.estimate.nodes.recordings.interval
 
     def with_guards(guards: Guards) -> list[Settled]:
         return [replace(one, guard=guard) for one, guard in zip(found, guards, strict=True)]
 
     def judge(guards: Guards) -> FreeRollouts:
         told = told_by_parts(given, stays, pieces, with_guards(guards))
-        return _rolled_out(given, told, assembled(told, feature_map, interval), stays.left)[0]
+        return _rolled_out(given, told, assembled(told, stays), stays.left)[0]
 
     return with_guards(by_rollouts([one.guard for one in found], judge))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Protocol, TypeVar
 
@@ -56,13 +55,9 @@ class HeldOutAutomata(HeldOut[OfGuards]):
         self.noise = np.maximum(found.noise_, JUDGING.integrated * spread)
         self.laws, self.cut = self, Cut.of(given, [one.filled for one in given.records], split)
 
-    def trained(self, terms: Terms, n_modes: int, is_rival: bool = False) -> OfGuards:
-        """Modes of the training recordings; what that warns about is no news."""
-        options: dict[str, object] = {"feature_library": terms.library(self.n_columns)}
-        options |= {"known": None} if is_rival else {}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return self.fits(self.split.train, n_modes, False, **options)
+    def _options(self, terms: Terms, is_rival: bool) -> dict[str, object]:
+        known: dict[str, object] = {"known": None} if is_rival else {}
+        return known | {"feature_library": terms.library(self.n_columns)}
 
     def left_by(self, fit: OfGuards) -> Array:
         """What rollouts over the stretches leave; where one ends early, what the mean leaves."""

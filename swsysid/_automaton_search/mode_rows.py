@@ -178,7 +178,9 @@ class ModeRows:
         rows, n = self.stays.rows, self.stays.rows.n_states
         before = taken.rows[:, None] - np.arange(2, rows.lags + 1)
         left = rows.targets[before] - self._made(before.ravel()).reshape(*before.shape, n)
-        return np.where(self.stays.straddling[before, None], left, 0.0).reshape(len(before), -1)
+        own = (before >= 0) & (rows.recording[before] == taken.recording[:, None])
+        some = own & self.stays.straddling[before]
+        return np.where(some[:, :, None], left, 0.0).reshape(len(before), -1)
 
     def inside(self, mode: int) -> Array:
         """Columns at the rows of a mode."""

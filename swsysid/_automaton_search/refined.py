@@ -55,16 +55,15 @@ def refined(
     start, noise = joint_estimate(given, stays, pieces, found), stays.reached.noise
     joint = jointly(start, noise, settings)
     told = told_jointly(joint.after, parts, stays, pieces, found)
-    feature_map = stays.model.switching_model.feature_map
     interval = stays.estimate.nodes.recordings.interval
-    before, after = (assembled(one, feature_map, interval) for one in (parts, told))
+    before, after = (assembled(one, stays) for one in (parts, told))
     free = FreeRollouts.of(after, joint.after)
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
     rolled_after = free.misfit(noise)
     likely = joint.value_after <= joint.value_before + settings.converged
     kept = likely and rolled_after <= (1.0 + _WORSE) * rolled_before
     told = _judged_by_rollouts(told, free, joint, interval)
-    after = assembled(told, feature_map, interval)
+    after = assembled(told, stays)
     return (told if kept else parts), AutomatonRefinement(
         kept,
         joint.value_before,

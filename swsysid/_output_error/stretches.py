@@ -96,11 +96,6 @@ class Stretches:
         """What the law gives, NaN where a value is no motion, (n_samples, n_states)."""
         return np.where(self.gross, np.nan, _measured(self.records, self.quantity))
 
-    @property
-    def _held(self) -> NDArray[np.bool_]:
-        """Channels that keep their value from row to row, (n_channels,)."""
-        return np.isin(np.arange(len(self.records.names)), [*self.records.held])
-
     def some(self, numbers: Sequence[int]) -> Stretches:
         """Some of the stretches."""
         chosen = tuple(self.parts[number] for number in numbers)
@@ -145,13 +140,14 @@ class Stretches:
         """
         n_states = self.records.n_states
         beside = np.hstack([self.records.X[:, n_states:], self.records.signals, further])
+        held = np.isin(np.arange(n_states, len(self.records.names)), [*self.records.held])
         t = self.records.t
         assert t is not None
         states, measured = self.records.X[:, :n_states], self.measured
         recordings = Recordings.of(
             [Record(t[part], measured[part], beside[part]) for part in self.parts],
             [states[part] for part in self.parts],
-            held=np.append(self._held[n_states:], keeps_steps),
+            held=np.append(held, keeps_steps),
         )
         sizes = np.ones(recordings.y.shape)
         for k, (part, places) in enumerate(zip(self.parts, recordings.sampled, strict=True)):

@@ -94,12 +94,12 @@ def start_from(
     estimator: SwitchingSystemRegressor, found: Differentiated, names: list[str] | None
 ) -> SwitchingSystemRegressor:
     """The estimator fitted to derivatives, every so many rows where there are more than enough."""
-    rows, some = found.rows, enough(len(found.rows.X))
+    rows, some = found.rows, some_of(len(found.rows.X))
     model = clone(estimator)
     return model.fit(named(rows.X[some], names), rows.Xdot[some], groups=rows.groups[some])
 
 
-def enough(n_rows: int) -> slice:
+def some_of(n_rows: int) -> slice:
     """The rows of a start or of a first surface, which recordings place where it is."""
     return slice(None, None, max(1, n_rows // _ROWS_OF_STARTS))
 

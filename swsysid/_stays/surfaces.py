@@ -17,8 +17,7 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.monomials import needed_coefficients
 from swsysid._stays.samples import Samples, modes_of
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.start import enough as _some
-from swsysid._stays.start import named
+from swsysid._stays.start import named, some_of
 from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_relevance
 from swsysid.metrics._modes import best_matching, contingency
 
@@ -85,7 +84,7 @@ def with_few_monomials(
     n_monomials = fitted.surface_features(samples.columns[:1]).shape[1]
     surface = clone(given).set_params(relevance=np.ones(n_monomials))
     beside = np.flatnonzero(samples.modes < len(reached.estimate.laws.coef))  # no slides
-    beside = beside[_some(len(beside))]
+    beside = beside[some_of(len(beside))]
     surface.fit(samples.columns[beside], samples.modes[beside])
     full = Guards.of(surface, samples.spread, len(reached.estimate.laws.coef))
     # with all monomials the modes may be separated by other surfaces
@@ -149,7 +148,7 @@ def _refitted(
 ) -> tuple[SwitchingSystemRegressor, NDArray[np.intp]]:
     """The estimator fitted to the estimated states and modes, and its order of the modes."""
     n_modes = len(reached.estimate.laws.coef)
-    some = _some(len(samples.modes))
+    some = some_of(len(samples.modes))
     model = clone(start).set_params(init=samples.modes[some], n_modes=n_modes, sparsity=None)
     groups = reached.estimate.nodes.recordings.groups[some]
     model.fit(named(samples.columns[some], names), samples.velocities[some], groups=groups)

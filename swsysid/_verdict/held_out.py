@@ -194,14 +194,14 @@ class HeldOut(ABC, Generic[Fit]):
         )
 
     def trained(self, terms: Terms, n_modes: int, is_rival: bool = False) -> Fit:
-        """Modes of the training recordings; what that warns about is no news.
-
-        What is known is said of the declared terms, and not of those of a rival.
-        """
-        options = terms.of_rival() if is_rival else terms.declared(self.n_columns)
+        """Modes of the training recordings; what that warns about is no news."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return self.fits(self.split.train, n_modes, False, **options)
+            return self.fits(self.split.train, n_modes, False, **self._options(terms, is_rival))
+
+    def _options(self, terms: Terms, is_rival: bool) -> dict[str, object]:
+        """What is known is said of the declared terms, and not of those of a rival."""
+        return terms.of_rival() if is_rival else terms.declared(self.n_columns)
 
     def rivals(self, terms: Terms) -> list[tuple[Terms, Fit]]:
         """Laws of one mode of the training recordings, with these terms and with more of them."""

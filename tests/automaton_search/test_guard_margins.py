@@ -1,5 +1,7 @@
 """Guards in discrete time: the middle of the gap, columns that separate, one surface for both."""
 
+from math import comb
+
 import numpy as np
 
 from swsysid._automaton.transitions import PolynomialGuard
@@ -29,6 +31,17 @@ def test_the_row_before_a_switch_is_below_also_where_no_law_explains_it():
     below, last = np.array([[0.0], [1.0], [2.0]]), np.array([[2.8], [2.6]])
     found = guard_with_margin(one_way(below, last, np.array([[3.0], [3.4]])), degree=1)
     np.testing.assert_allclose(found.guard.values(np.array([[2.9]])), 0.0, atol=1e-9)
+
+
+def test_rows_of_both_sides_at_zero_leave_open_which_of_them_are_taken():
+    below, last, reached = np.array([[0.0], [1.0], [2.0]]), np.full((3, 1), 2.0), np.full((3, 1), 3)
+    usual, both = (
+        guard_with_margin(one_way(np.append(below, more, axis=0), last, reached), degree=1)
+        for more in (np.zeros((0, 1)), np.full((2, 1), 3.0))
+    )
+    np.testing.assert_allclose(both.guard.values(reached), 0.0, atol=1e-9)
+    # two of five are not; those that are reached are above, too
+    assert np.log(comb(5, 2)) <= both.cost - usual.cost <= np.log(comb(8, 2)) + 1e-9
 
 
 def test_a_plane_of_two_columns_separates():

@@ -1,10 +1,17 @@
 """A motion sampled in its position alone: at a switch the whole lagged state is made anew."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from swsysid import HybridAutomatonRegressor
+from swsysid._automaton_search import sampled
+from swsysid._automaton_search.mode_rows import ModeRows
+from swsysid._data.recordings import Record
+from swsysid._discrete_stays.identify import identify_stays
 
 STEP = 0.05
 FIELDS = {
@@ -73,3 +80,31 @@ def test_a_state_that_jumps_still_resets_its_newest_row():
     assert jump.reset.matrix.shape == (1, 1)
     np.testing.assert_allclose([jump.reset.matrix[0, 0], jump.reset.offset[0]], [0.0, 0.3],
                                atol=1e-6)  # fmt: skip
+
+
+def test_what_is_left_before_a_jump_counts_and_is_of_its_own_recording():
+    """x[k+1] = .5 x[k] + .2 x[k-1] + .1 x[k-2] + 1, which leaves 3 of some rows."""
+    given = []
+    for start in (0.0, 5.0):
+        x = [start, start + 1.0, start]
+        for _ in range(40):
+            x.append(0.5 * x[-1] + 0.2 * x[-2] + 0.1 * x[-3] + 1.0)
+        given.append(Record(np.arange(43.0), np.array(x)[:, None], np.empty((43, 0))))
+    stays = identify_stays(given, 2, library=1, n_modes=1)
+    straddling = np.zeros(len(stays.rows), dtype=bool)
+    # the first and the last row of each, and two in a row
+    straddling[[0, 19, 20, 39, 40, 79]] = True
+
+    def leaving(size):
+        targets = stays.rows.targets.copy()
+        targets[straddling] += 3.0
+        targets[19] += size - 3.0
+        own = replace(stays, straddling=straddling, rows=replace(stays.rows, targets=targets))
+        return ModeRows(own, SimpleNamespace(records=given))
+
+    rows = leaving(3.0)
+    assert rows.taken.rows.tolist() == [1, 21, 41]
+    np.testing.assert_allclose(rows.left_before(rows.taken), [[0.0], [3.0], [0.0]], atol=1e-9)
+    # half of the nats of three switches: so many rows are of those before
+    costs = [sampled._cost_of_reset(rows.taken, leaving(size)) for size in (3.0, 0.3)]
+    assert costs[0] - costs[1] == pytest.approx(3 * 0.5 * np.log(10.0), rel=1e-6)

@@ -44,6 +44,19 @@ def test_modes_that_a_lag_remembers_are_parted_by_relations_of_their_rows():
     assert parted_by_relations(data, both, 4) is None
 
 
+def test_free_rollouts_ask_for_the_modes_that_one_law_joins():
+    """Rows alone prefer the one law, which jumps at each turn and never by itself."""
+    seen = [triangle(start, mode, 150)[0] for start, mode in [(0.5, 0), (2.3, 1)]]
+    recordings = [{"t": np.arange(150), "x": x} for x in seen]
+    found = HybridAutomatonRegressor(lags=1, discrete_time=True).fit(recordings)
+    assert found.n_modes_ == 2 and found.report_.rollouts.holds
+    unseen, modes = triangle(4.1, 0, 150)
+    rising = int(found.coef_[:, 0, 0].argmax())
+    run = found.simulate(unseen[:2], np.arange(150), mode=rising if modes[1] == 0 else 1 - rising)
+    # turned anywhere between two samples, a step late at most
+    assert np.abs(run.x - unseen)[:, 0].max() < 0.15
+
+
 def test_a_guard_that_is_seen_seldom_shares_the_one_that_is_seen_often():
     """Mode 0 and mode 1 are both left at 2; mode 1 is left twice, by steps of a third."""
 

@@ -58,7 +58,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   leaves its own (`_free_rollouts`, `_automaton_search`).
 MOST_LINES = {
     "_automaton": 3270,
-    "_automaton_search": 5470,
+    "_automaton_search": 5460,
     "_checks": 600,
     "_cli": 4160,
     "_data": 2340,
@@ -75,7 +75,7 @@ MOST_LINES = {
     "_known": 1230,
     "_losses": 930,
     "metrics": 720,
-    "_output_error": 2270,
+    "_output_error": 2260,
     "_recording_page": 490,
     "refinement": 1960,
     "relaxations": 1480,

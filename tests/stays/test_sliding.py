@@ -5,11 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from benchmarks.trajectories.figures import figures
 from benchmarks.trajectories.methods import METHODS, identified
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
+from swsysid._data.features import FeatureMap
 from swsysid._data.recordings import Record
 from swsysid._stays.assign import assign, disturbances, prior_of_guards
 from swsysid._stays.flow import crossings_of, ends_of, steady_legs, switching
@@ -17,6 +19,7 @@ from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
+from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import modes_of
 from swsysid._stays.settings import SETTINGS
@@ -94,6 +97,38 @@ def test_a_rollout_rests_until_the_force_exceeds_the_friction():
     # it begins to rest on its surface; where it ends to, no surface is crossed
     crossings = crossings_of(laws, nodes, states)
     assert (crossings.old.tolist(), crossings.new.tolist()) == ([0, 0], [1, 0])
+
+
+def test_a_slide_of_affine_laws_is_as_exact_as_they_are():
+    """Along v = 0 the speed of x is a ratio of polynomials of x; SciPy's solver follows it."""
+    columns = np.random.default_rng(0).normal(size=(20, 2))
+    coef = np.array([[[0.5, 1.0, 0.0], [1.0, 0.8, 0.0]], [[-1.0, 0.3, 0.0], [-1.0, -0.2, 0.0]]])
+    affine_laws = laws_of(
+        coef, FeatureMap(1, columns, ["x", "v"]), np.ones(2), np.ones(coef.shape, dtype=bool)
+    )
+    guards = Guards(
+        np.array([[0.0, 0.0, 1.0]]),
+        affine,
+        np.ones(2),
+        np.array([[-1], [1]]),
+        np.zeros((1, 3), bool),
+    )
+
+    def speed(t, x):
+        (up, down), (own, other) = (coef[:, row, 0] + coef[:, row, 1] * x[0] for row in (1, 0))
+        return [(up * other - down * own) / (up - down)]
+
+    true = solve_ivp(speed, (0.0, 0.8), [0.3], rtol=1e-12, atol=1e-14).y[0, -1]
+    none, slide, duration = np.zeros((1, 0)), np.array([2]), np.array([0.8])
+    errors, unknowns = [], affine_laws.n_free
+    for laws in affine_laws.sharper:
+        sliding, x = SlidingLaws.of(laws, guards), np.array([[0.3, 0.0]])
+        end = sliding.step(slide, x, none, none, duration)
+        varied = sliding.varied_step(slide, x, np.zeros((1, 2, 2 + unknowns)), none, none, duration)
+        np.testing.assert_allclose(varied[0], end, rtol=1e-12)
+        errors.append(abs(end[0, 0] - true))
+    # of order 4 in one, two and three parts of a step
+    assert errors[1] < errors[0] / 12.0 and errors[2] < errors[0] / 50.0
 
 
 def test_sensitivities_are_those_of_differences():
