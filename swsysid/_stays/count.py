@@ -89,7 +89,7 @@ def _misfit(found: StayIdentification) -> tuple[float, float]:
     """
     left, spread = misfits(found.estimate), found.estimate.laws.spread
     count = np.isfinite(left).sum(axis=(0, 1))
-    squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
+    squares = found.reached.squares.sum(axis=0) / np.maximum(count, 1)
     shares = np.maximum(squares / np.square(spread), LIMITS.exactly**2)
     nats = 0.5 * float((count * np.log(shares))[count > 0].sum())
     return float(count.sum()), nats
