@@ -147,6 +147,8 @@ def _through(
     for number, (objective, n_turns) in enumerate(stages, 1):
         own = settings if number == len(stages) else roughly
         estimate, value = descended(estimate.pivoted(), objective, n_turns, own, enough)
+        if not objective.joins(estimate):
+            break
     return Reached(estimate, objective, value)
 
 
