@@ -172,6 +172,8 @@ class Cutting:
             return None
         told = self._told_anew(self._at(jumps), now.stays, roughly=True)
         self.told()
+        if not told.stays.reached.is_joined:
+            told = self._told_anew(told, now.stays)
         return told if told.cost < now.cost else None
 
     def _told_anew(self, at: Pieced, before: StayIdentification, *, roughly: bool = False) -> Cut:

@@ -85,6 +85,12 @@ class Reached:
         squares[nodes.begins] += np.square(self.objective.gaps(self.estimate) * self.noise)
         return np.add.reduceat(squares, nodes.first)
 
+    @property
+    def is_joined(self) -> bool:
+        """Whether gaps weigh less than what samples leave; else the states are no rollout yet."""
+        of_gaps = np.square(self.objective.gaps(self.estimate) * self.noise).sum()
+        return bool(of_gaps < 0.5 * self.squares.sum())
+
     @cached_property
     def covariance(self) -> Covariance:
         """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""
@@ -147,8 +153,6 @@ def _through(
     for number, (objective, n_turns) in enumerate(stages, 1):
         own = settings if number == len(stages) else roughly
         estimate, value = descended(estimate.pivoted(), objective, n_turns, own, enough)
-        if not objective.joins(estimate):
-            break
     return Reached(estimate, objective, value)
 
 

@@ -71,9 +71,10 @@ class StayIdentification:
 
 def noise_of(reached: Reached, sigma: Array) -> Array:
     """Standard deviations of the measurements by what the rollouts leave."""
-    count = np.isfinite(misfits(reached.estimate)).sum(axis=(0, 1))
+    left = misfits(reached.estimate)
+    count = np.isfinite(left).sum(axis=(0, 1))
     freedom = max(0.1, 1.0 - reached.n_unknowns / max(1, count.sum()))
-    found = np.sqrt(reached.squares.sum(axis=0) / np.maximum(1, count) / freedom)
+    found = np.sqrt(np.nansum(np.square(left), axis=(0, 1)) / np.maximum(1, count) / freedom)
     least = LIMITS.exactly * reached.estimate.laws.spread
     return np.where(count > 0, np.maximum(found, least), sigma)
 

@@ -222,17 +222,6 @@ class Objective:
         gaps = (estimate.states[estimate.nodes.begins + 1] - estimate.ends()) / self.noise
         return np.asarray(gaps * self._weights(estimate.nodes)[:, None])
 
-    def joins(self, estimate: Estimate) -> bool:
-        """Whether gaps between nodes weigh less than what was measured of them leaves.
-
-        Where they weigh more the laws are not yet right, and tighter ties find no rollout either.
-        """
-        squares = (
-            np.square(part).sum() for part in (self.gaps(estimate), self._misfit(estimate)[0])
-        )
-        of_gaps, of_samples = squares
-        return bool(of_gaps < of_samples)
-
     def normal_equations(self, estimate: Estimate) -> NodeEquations:
         """Gauss and Newton's equations."""
         nodes, states, guards, resets = (

@@ -386,11 +386,10 @@ class Search:
 
     def usual_excess(self, found: StayIdentification) -> float:
         """The same of most recordings, where some may have been told wrongly."""
-        n_channels, estimate = self.given.n_channels, found.estimate
-        count = np.isfinite(misfits(estimate)).sum(axis=0)[:, :n_channels]
-        seen = count.any(axis=1)
-        squares = found.reached.squares[seen, :n_channels] / np.maximum(1, count[seen])
-        return float(np.sqrt(np.median(squares, axis=0) / self.base.noise[:n_channels] ** 2).max())
+        n_channels = self.given.n_channels
+        left = np.square(misfits(found.estimate) / self.base.noise)[..., :n_channels]
+        seen = np.isfinite(left).any(axis=(0, 2))
+        return float(np.sqrt(np.median(np.nanmean(left[:, seen], axis=0), axis=0).max()))
 
     def excess(self, found: StayIdentification, left: Array | None = None) -> Array:
         """What is `left`, or by the rollouts, by the noise that differences show, (n_channels,)."""
