@@ -31,7 +31,8 @@ def command_parser() -> argparse.ArgumentParser:
     other.add_argument("--to", required=True, choices=("c", "fmu", "matlab", "modelica", "sympy"))
     other.add_argument("--fmi-version", type=int, choices=(2, 3), help="of an fmu (default: 2)")
     other.add_argument("--output", required=True)
-    _command(add, "show", "print laws and guards")
+    told = _command(add, "show", "print laws and guards")
+    told.add_argument("--picture", metavar="FILE", help="also draw the graph, or modes over states")
     return parser
 
 

@@ -156,7 +156,34 @@ def show(arguments: argparse.Namespace) -> str:
         lines = model.equations() if isinstance(model, _Tells) else []
         lines += model.surface_equations() if isinstance(model, _TellsSurfaces) else []
     source = _recording(model).source
-    return "\n".join([*([f"Identified from {source}."] if source else []), *lines])
+    drawn = [] if arguments.picture is None else [_picture(model, arguments.picture)]
+    return "\n".join([*([f"Identified from {source}."] if source else []), *lines, *drawn])
+
+
+def _picture(model: BaseEstimator | HybridAutomaton, path: str) -> str:
+    """Draw the graph of an automaton, or the modes of a model over its states, to a file."""
+    from pandas import DataFrame
+
+    from swsysid.plotting import AutomatonGraphDisplay, SwitchingSurfaceDisplay
+
+    names = _names(model)
+    if isinstance(model, HybridAutomaton | HybridAutomatonRegressor):
+        figure = AutomatonGraphDisplay.from_estimator(model).figure_
+    elif isinstance(model, TrajectoryIdentifier) and 1 < len(names) == model.states_.shape[1]:
+        states = DataFrame(model.states_, columns=names)
+        rows, laws = states.notna().all(axis=1), model.estimator_
+        told = {"modes": model.modes_[rows], "features": "auto", "names": names}
+        figure = SwitchingSurfaceDisplay.from_estimator(laws, states[rows], **told).figure_
+    else:
+        raise TableError(
+            "the file holds no samples of all columns to draw modes over; the picture of an "
+            "identification lies beside its model."
+        )
+    try:
+        figure.savefig(path, dpi=150)
+    except ValueError as error:  # of an ending that matplotlib does not know
+        raise TableError(f"{path} cannot be drawn: {str(error).splitlines()[0]}.") from None
+    return f"Picture: {path}"
 
 
 def _recording(model: BaseEstimator | HybridAutomaton) -> Recording:

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from pandas import DataFrame
 
-from swsysid import HybridAutomaton, TrajectoryIdentifier, load_model, save_model
+from swsysid import (
+    HybridAutomaton,
+    SwitchingSystemRegressor,
+    TrajectoryIdentifier,
+    load_model,
+    save_model,
+)
 from swsysid.__main__ import main
 from swsysid.refinement import StatedModel, suggest_experiment
 
@@ -102,6 +108,33 @@ def test_exports_have_the_errors_as_comments(kept, to):
         told = out.read_text(encoding="utf-8")
     [law] = [line for line in str(model.report_).splitlines() if "x' =" in line]
     assert law in told and f"({model.coef_errors_[0, 0, 2]:.1g})" in law
+
+
+def test_show_draws_graphs_and_modes(kept, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    timer = HybridAutomaton.stated(
+        [{"x": "1"}, {"x": "-1"}], [(0, 1, "x >= 1"), (1, 0, "x <= 0")], states=["x"]
+    )
+    save_model(timer, tmp_path / "timer.json")
+    plant = StatedModel(None, [[0.0, 1.0], [-1.0, -0.2]], states=["x", "v"])
+    x = plant.simulate([1.0, 0.0], T).x + 0.01 * np.random.default_rng(0).standard_normal((80, 2))
+    law = SwitchingSystemRegressor(1, random_state=0)
+    save_model(TrajectoryIdentifier(law).fit(DataFrame(x, columns=["x", "v"]), T),
+               tmp_path / "spring.json")  # fmt: skip
+    for name in ("timer", "spring"):
+        out = tmp_path / f"{name}.png"
+        assert main(["show", str(tmp_path / f"{name}.json"), "--picture", str(out)]) == 0
+        assert capsys.readouterr().out.splitlines()[-1] == f"Picture: {out}"
+        assert out.read_bytes().startswith(b"\x89PNG")
+    wrong = (
+        (kept / "model.json", "a.png", "no samples of all columns"),
+        (tmp_path / "timer.json", "a.docx", "a.docx cannot be drawn"),
+        (tmp_path / "timer.json", "no/a.png", "There is no folder"),
+    )
+    for model, out, words in wrong:
+        assert main(["show", str(model), "--picture", str(tmp_path / out)]) == 2
+        told = capsys.readouterr().err
+        assert words in told and told.count("\n") == 1
 
 
 def hdf5(path, **groups):

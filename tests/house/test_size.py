@@ -56,7 +56,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
 # - rollouts have bands: models are functions of one vector of coefficients (`_simulation`,
 #   `_automaton`), whose covariance identification keeps (`_stays`, `_automaton_search`,
-#   `refinement`, `top`), and the command line draws from (`_cli`, which reads inputs of any format);
+#   `refinement`, `top`), and the command line draws from (`_cli`; it reads inputs of any format);
 # - units are driven by files (`_tables/fmu, several`);
 # - what free rollouts of most recordings go wrong at is named, and warned of where an automaton
 #   leaves its own (`_free_rollouts`, `_automaton_search`).
