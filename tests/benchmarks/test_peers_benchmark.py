@@ -39,6 +39,7 @@ def test_casadi_finds_the_laws_where_the_modes_are_told(name):
     assert most_likely(given)["laws"] < 0.005
 
 
+@pytest.mark.filterwarnings("ignore")  # it meets what JAX means to take away
 def test_dynamax_finds_the_modes_where_the_laws_are_told():
     pytest.importorskip("dynamax")
     from benchmarks.speed.told_laws import hidden_markov, particles
