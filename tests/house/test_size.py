@@ -55,7 +55,10 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - runs that look alike share a line, a log of a bus that is cut is said to be (`_tables`);
 # - verdicts lengthen their stretches where short ones tell nothing (`_verdict`);
 # - what free rollouts of most recordings go wrong at is named, and warned of where an automaton
-#   leaves its own (`_free_rollouts`, `_automaton_search`).
+#   leaves its own (`_free_rollouts`, `_automaton_search`);
+# - what generated calls broke: a placed effect says what it cannot act on (`effects`), a rollout
+#   that ends before its first sample has no mode (`_free_rollouts`), nor has a surface without
+#   evidence anything to be drawn from (`_surfaces`).
 MOST_LINES = {
     "_automaton": 3270,
     "_automaton_search": 5460,
@@ -68,9 +71,9 @@ MOST_LINES = {
     "_displays": 1610,
     "_effect_model": 2370,
     "_effect_search": 9160,
-    "effects": 3990,
+    "effects": 4010,
     "exporting": 3330,
-    "_free_rollouts": 890,
+    "_free_rollouts": 900,
     "_identification": 2850,
     "_known": 1230,
     "_losses": 930,
@@ -86,7 +89,7 @@ MOST_LINES = {
     "_simulation": 1870,
     "_solvers": 1290,
     "_stays": 9440,
-    "_surfaces": 2310,
+    "_surfaces": 2320,
     "_tables": 2430,
     "_verdict": 1710,
     "top": 4040,
