@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,7 +125,7 @@ def propagated(slopes: Array, covariance: Array) -> Array:
            [ 0.,  0., inf]])
     """
     told = np.isfinite(np.diag(covariance))
-    moved = slopes.reshape(len(slopes), -1)
+    moved = slopes.reshape(len(slopes), prod(slopes.shape[1:]))  # also where nothing is free
     found = moved[told].T @ covariance[np.ix_(told, told)] @ moved[told]
     return untold(found, (moved[~told] != 0.0).any(axis=0))
 
