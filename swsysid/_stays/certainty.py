@@ -94,7 +94,7 @@ def covariance_of_all(found: StayIdentification, change: Array, shared: Array) -
     Laws are multiplied by `change`; those of surfaces are in the coordinates of their fit.
     """
     laws, guards = found.estimate.laws, found.estimate.guards
-    slopes = slopes_of(laws.coef.shape, laws.places, change).reshape(laws.n_free, -1)
+    slopes = slopes_of(laws.coef.shape, laws.places, change).reshape(laws.n_free, laws.coef.size)
     if guards is not None and is_linear(found.model.surface_):
         slopes = block_diag(slopes, np.eye(guards.coef.size)[guards.free.ravel()])
     return propagated(slopes, shared[: len(slopes), : len(slopes)])
