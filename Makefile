@@ -20,7 +20,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: help demo test nightly test-kernels test-oldest audit lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
+.PHONY: help demo test nightly mutations test-kernels test-oldest audit lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
 	bench-undeclared bench-measured bench-speed bench-peers bench-trajectories bench-automata golden golden-quick \
 	figures clean
 
@@ -28,6 +28,7 @@ help:
 	@echo "make demo      identify the built-in example and draw it"
 	@echo "make test      run the tests, warnings as errors"
 	@echo "make nightly   the longest tests, an hour together, and the pages with all examples"
+	@echo "make mutations  do the tests notice 63 small changes of the code? (an hour; resumes)"
 	@echo "make test-kernels  the deciding tests and all examples under every kernel of OpenBLAS (hours)"
 	@echo "make golden    answers of today beside those frozen before the engine was rebuilt (half an hour)"
 	@echo "make golden-quick  a part of them, in five minutes"
@@ -60,6 +61,9 @@ test: $(VENV)/.installed-test
 nightly: $(VENV)/.installed-test
 	$(BIN)/python -m pytest -n $(WORKERS) -m nightly
 	$(MAKE) docs-offline
+
+mutations: $(VENV)/.installed-test $(VENV)/.installed-mutation
+	$(BIN)/python -m benchmarks.mutations
 
 # No answer may depend on the processor: five kernels of OpenBLAS, those that run here.
 test-kernels: $(VENV)/.installed-test

@@ -46,6 +46,7 @@ exclude_patterns = [
     "others_table.md",
     "calibration_table.md",
     "faults_table.md",
+    "mutations_table.md",
     "fresh_table.md",
     "laboratory_table.md",
     "sensitivity_table.md",

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from swsysid.relaxations import ExactRelaxation, MomentRelaxation, Relaxation, SimplexRelaxation
     from swsysid.relaxations._mixed_integer import solve_mip
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Assignment",

@@ -33,7 +33,7 @@ from swsysid._effect_model.simulation import simulate_with_effects
 from swsysid._effect_model.velocities import with_quantity
 from swsysid._rendering.printing import check_format
 from swsysid._whole_or_nothing import whole_or_nothing
-from swsysid.effects import PlacedEffect
+from swsysid.effects import Effect, PlacedEffect
 from swsysid.exporting import ToOtherTools
 from swsysid.metrics._scorers import ScoredByR2
 from swsysid.refinement import StatedModel
@@ -322,20 +322,13 @@ class EffectRegressor(ToOtherTools, ScoredByR2, MultiOutputMixin, RegressorMixin
             X, self._n_targets, t=t, groups=groups, signals=signals, names=column_names(self)
         )
         for term in terms:
-            if not 0 <= term.target < records.n_states:
-                raise ValueError(
-                    f"the effect {term.effect.kind!r} acts in state {term.target}; give a number "
-                    f"from 0 to {records.n_states - 1}."
-                )
-            missing = term.effect.missing(records)
-            if missing:
-                raise ValueError(f"The effect {term.effect.kind!r} {missing}.")
+            term.check(records)
         return records
 
 
 def _checked_terms(effects: object) -> tuple[PlacedEffect, ...]:
     if not isinstance(effects, Iterable) or not all(
-        isinstance(term, PlacedEffect) for term in effects
+        isinstance(term, PlacedEffect) and isinstance(term.effect, Effect) for term in effects
     ):
         raise TypeError(
             f"effects={shown(effects)} must be a list of swsysid.effects.PlacedEffect, as "

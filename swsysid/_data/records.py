@@ -125,7 +125,12 @@ class Records:
 
     def channel(self, number: int) -> Array:
         """Values of one channel, shape (n_samples,)."""
-        n_columns = self.X.shape[1]
+        n_columns, n_signals = self.X.shape[1], self.signals.shape[1]
+        if not isinstance(number, (int, np.integer)) or not 0 <= number < n_columns + n_signals:
+            raise ValueError(
+                f"channel {number!r} is asked for; give the number of one, from 0 to "
+                f"{n_columns + n_signals - 1}: columns first, then signals."
+            )
         return self.X[:, number] if number < n_columns else self.signals[:, number - n_columns]
 
     @cached_property

@@ -43,7 +43,7 @@ class Break:
     ended : str
         Why the simulation ended there; "" where it went on.
     mode : int
-        Of the rollout there.
+        Of the rollout there; -1 where it slides, or ended before its first sample.
     transition : str
         The one that the cause is about, in words.
     leaves : float

@@ -132,7 +132,9 @@ class FreeRollouts:
 
     def _wrong(self, broken: Break) -> str:
         if broken.cause or broken.ended:
-            return broken.cause or f"{broken.ended} in mode {broken.mode}"
+            there = "while it slides" if broken.follows > 0.0 else "at its start"
+            there = there if broken.mode < 0 else f"in mode {broken.mode}"
+            return broken.cause or f"{broken.ended} {there}"
         size, unit = broken.leaves, "times the noise"
         if not self.in_noise:
             size, unit = 100.0 * _SIZE * size, "% of the spread"
@@ -327,7 +329,7 @@ class _RolledOut:
             time, transition, what = self.pairs.blamed(time, self.course.step)
         # a sample that counts: those before may be on either side of a switch
         seen = first + int(np.argmax(~np.isnan(self.left[first:, channel])))
-        mode = int(self.modes[min(seen, len(self.modes) - 1)])
+        mode = int(self.modes[min(seen, len(self.modes) - 1)]) if self.modes.size else -1
         until = np.flatnonzero(self.modes[seen:] != mode)
         stay = self.left[seen : seen + int(until[0]) if until.size else None, channel]
         return Break(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +94,7 @@ def covariance_of_all(found: StayIdentification, change: Array, shared: Array) -
     Laws are multiplied by `change`; those of surfaces are in the coordinates of their fit.
     """
     laws, guards = found.estimate.laws, found.estimate.guards
-    slopes = slopes_of(laws.coef.shape, laws.places, change).reshape(laws.n_free, -1)
+    slopes = slopes_of(laws.coef.shape, laws.places, change).reshape(laws.n_free, laws.coef.size)
     if guards is not None and is_linear(found.model.surface_):
         slopes = block_diag(slopes, np.eye(guards.coef.size)[guards.free.ravel()])
     return propagated(slopes, shared[: len(slopes), : len(slopes)])
@@ -124,7 +125,7 @@ def propagated(slopes: Array, covariance: Array) -> Array:
            [ 0.,  0., inf]])
     """
     told = np.isfinite(np.diag(covariance))
-    moved = slopes.reshape(len(slopes), -1)
+    moved = slopes.reshape(len(slopes), prod(slopes.shape[1:]))  # also where nothing is free
     found = moved[told].T @ covariance[np.ix_(told, told)] @ moved[told]
     return untold(found, (moved[~told] != 0.0).any(axis=0))
 

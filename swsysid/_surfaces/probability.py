@@ -77,7 +77,8 @@ def sample_surface(
     # Hit-and-run: from where a chain is, a random direction is taken, and the posterior along it, a
     # step function, is drawn from exactly. Directions are those of an ellipsoid that fits between
     # the rows, or differences of the other chains, which have found the posterior's shape.
-    columns = np.sqrt(np.mean(evidence.features**2, axis=0))
+    # no rows at all, where every row is as likely on either side, say nothing of the surface
+    columns = np.sqrt((evidence.features**2).sum(axis=0) / max(len(evidence.features), 1))
     columns[columns == 0.0] = 1.0
     size = max(float(np.linalg.norm(evidence.coef * columns)), np.finfo(float).tiny)
     # Every other step doubles a difference, rounding errors included: on a grid that is far wider

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from math import isfinite
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +65,24 @@ class PlacedEffect:
     def label(self, names: Sequence[str]) -> str:
         """How its place is called."""
         return self.effect.label(self.place, names)
+
+    def check(self, records: Records) -> None:
+        """Raise a ValueError where it cannot act on the records as it is stated."""
+        kind, last = self.effect.kind, records.n_states - 1
+        if not isinstance(self.target, (int, np.integer)) or not 0 <= self.target <= last:
+            raise ValueError(
+                f"the effect {kind!r} acts in state {self.target}; give a number from 0 to {last}."
+            )
+        missing = self.effect.missing(records)
+        if missing:
+            raise ValueError(f"The effect {kind!r} {missing}.")
+        names = self.effect.theta_names(records, self.place)
+        stated = isinstance(self.theta, Sequence) and len(self.theta) == len(names)
+        if not stated or not all(isinstance(one, Real) and isfinite(one) for one in self.theta):
+            raise ValueError(
+                f"the effect {kind!r} has theta={self.theta!r}; give "
+                + (f"a number each for {', '.join(names)}." if names else "none, ().")
+            )
 
     # -- its columns -----------------------------------------------------------------------------
 

@@ -62,7 +62,7 @@ class _ModeAccuracyScorer(BaseEstimator):
     # a BaseEstimator carries metadata requests and survives clone; `estimator` is no metadata
     __metadata_request__score = {"estimator": UNUSED}
 
-    def __init__(self, modes=None, balanced=False):
+    def __init__(self, modes, balanced):
         self.modes = modes
         self.balanced = balanced
 

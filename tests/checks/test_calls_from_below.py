@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from swsysid import (
+    EffectRegressor,
     EffectSearchCV,
     FunctionLibrary,
     HybridAutomaton,
     HybridAutomatonRegressor,
+    IdentificationWarning,
     MomentRelaxation,
     PolynomialSurfaceClassifier,
     SwitchingSystemRegressor,
@@ -17,7 +19,8 @@ from swsysid import (
 )
 from swsysid._stays.retold import Visit, _without
 from swsysid._stays.stays import Stays
-from swsysid.effects import GuardHysteresis
+from swsysid._surfaces.probability import SurfaceEvidence, sample_surface
+from swsysid.effects import Bias, CoulombFriction, GuardHysteresis, Lag, PlacedEffect
 
 T = np.arange(40) * 0.1
 X = np.column_stack([np.sin(T), np.cos(T)])
@@ -118,6 +121,47 @@ def test_it_is_refused_in_a_sentence(name, tmp_path):
     with pytest.raises((TypeError, ValueError), match=re.escape(sentence)) as caught:
         call(tmp_path)
     assert str(caught.value).endswith(".") and "\n" not in str(caught.value)
+
+
+ROWS = {"t": np.tile(T, 2), "groups": np.repeat([0, 1], 40)}
+PLACED = {
+    "a number that is missing": (PlacedEffect(Lag(), 1, 1), "theta=(); give a number each for"),
+    "a number too many": (PlacedEffect(Bias(), (), 1, theta=(1.0,)), "give none, ()"),
+    "no number": (PlacedEffect(Lag(), 1, 1, theta=("a",)), "time_constant"),
+    "a number that is none": (PlacedEffect(Lag(), 1, 1, theta=(np.nan,)), "time_constant"),
+    "a channel that is not there": (PlacedEffect(CoulombFriction(), 9, 1), "from 0 to 1"),
+    "a channel from behind": (PlacedEffect(CoulombFriction(), -1, 1), "from 0 to 1"),
+    "a name": (PlacedEffect(CoulombFriction(), "v", 1), "channel 'v' is asked for"),
+    "two channels": (PlacedEffect(CoulombFriction(), (0, 1), 1), "channel (0, 1) is asked for"),
+    "no state": (PlacedEffect(CoulombFriction(), 1, None), "acts in state None"),
+    "no effect": (PlacedEffect("lag", 1, 1), "must be a list of swsysid.effects.PlacedEffect"),
+}
+
+
+@pytest.mark.parametrize("name", PLACED)
+def test_an_effect_that_cannot_act_there_is_refused(name):
+    term, sentence = PLACED[name]
+    model = EffectRegressor(SwitchingSystemRegressor(1), [term])
+    with pytest.raises((TypeError, ValueError), match=re.escape(sentence)) as caught:
+        model.fit(np.vstack([X, X]), np.vstack([X, -X]), **ROWS)
+    assert str(caught.value).endswith(".")
+
+
+def test_a_rollout_that_ends_before_its_first_sample_is_no_mode():
+    """A state 1e7 deviations from zero, and a law without a constant: it diverges at once."""
+    t, rng = np.arange(40) * 0.1, np.random.default_rng(0)
+    runs = [np.column_stack([k + np.sin(t), np.cos(t)]) for k in (0.0, 0.5)]
+    data = [{"t": t, "x": run + 0.01 * rng.standard_normal(run.shape) + [1e7, 0]} for run in runs]
+    with pytest.warns(IdentificationWarning):
+        found = TrajectoryIdentifier(SwitchingSystemRegressor(1)).fit(data)
+    assert [one.mode for one in found.report_.rollouts.breaks] == [-1, -1]
+
+
+def test_a_surface_without_evidence_is_drawn_as_it_is():
+    coef = np.array([0.5, -1.0])
+    none = SurfaceEvidence(np.empty((0, 2)), np.empty(0), np.empty(0), coef, 0.1)
+    drawn = sample_surface(none, np.random.RandomState(0))
+    np.testing.assert_array_equal(drawn, np.broadcast_to(coef, drawn.shape))
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -22,7 +22,8 @@ CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 
 
 def test_the_version_stands_once():
-    assert swsysid.__version__ == CONFIG["project"]["version"]
+    assert "version" in CONFIG["project"]["dynamic"] and "version" not in CONFIG["project"]
+    assert CONFIG["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "swsysid.__version__"}
 
 
 def test_every_dependency_says_why():
@@ -41,7 +42,7 @@ def test_every_dependency_has_one_lower_bound():
 
 def test_extras():
     extras = set(CONFIG["project"]["optional-dependencies"])
-    assert extras == {*_OPTIONAL, "test", "docs", "bench", "peers"}
+    assert extras == {*_OPTIONAL, "test", "docs", "bench", "peers", "mutation"}
 
 
 def _declared(requirements):
@@ -105,7 +106,13 @@ def test_the_package_loads_names_when_they_are_asked_for():
 
 
 def test_the_changelog_knows_this_version():
-    assert f"## {swsysid.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    unreleased, *released = re.findall(r"^## (.+)$", text, re.M)
+    dated = [re.fullmatch(r"(\d+\.\d+\.\d+) \((\d{4}-\d\d-\d\d)\)", one) for one in released]
+    assert unreleased == "Unreleased" and all(dated) and dated[0][1] == swsysid.__version__
+    for part in (1, 2):  # newest first
+        said = [one[part] for one in dated]
+        assert said == sorted(said, reverse=True)
 
 
 def test_ci_fails_when_a_step_fails(tmp_path):

@@ -258,6 +258,16 @@ def test_routing_works_through_grid_search_pipeline_and_several_scorers(metadata
     assert scorer(search, X_LINE, Y_LINE) == 1.0
 
 
+@pytest.mark.parametrize("n_steps", [0, 1, 2, 3])
+def test_every_step_before_the_regressor_is_passed(n_steps):
+    signs = [FunctionTransformer(np.negative) for _ in range(n_steps)]
+    model = make_pipeline(*signs, TwoSlopes(0.2)).fit(X_LINE, Y_LINE)
+    # the regressor's border lies at .2 on the side to which the signs turn it
+    pulled = (X_LINE[:, 0] > 0.2) if n_steps % 2 == 0 else (X_LINE[:, 0] < -0.2)
+    scorer = mode_accuracy_scorer(modes=lambda X: pulled)
+    assert scorer(model, X_LINE, Y_LINE) == 1.0
+
+
 def test_true_modes_as_a_function_need_no_routing():
     scorer = mode_accuracy_scorer(modes=lambda X: X[:, 0] > 0)
     search = GridSearchCV(TwoSlopes(), {"border": [-0.5, 0.0, 0.5]}, scoring=scorer, cv=3)

@@ -255,3 +255,8 @@ def test_a_square_around_the_target_by_hand():
     weights = nearest_l1(square)[0]
     np.testing.assert_allclose(weights @ square[:, 0], [[0.0, 0.0]], atol=1e-15)
     np.testing.assert_allclose(nearest_l1(square + [3.0, 0.0])[0], [[0.5, 0.5, 0.0, 0.0]])
+
+
+def test_memberships_lose_the_rounding_of_a_solver():
+    told = hulls.on_simplex(np.array([[2.0, -1e-9, 2.0], [0.0, 3.0, 0.0]]))
+    np.testing.assert_array_equal(told, [[0.5, 0.0, 0.5], [0.0, 1.0, 0.0]])

@@ -39,7 +39,7 @@ from swsysid.effects import (
 )
 
 DATA = make_damped_oscillator(300, random_state=0)
-FORMAT_1 = Path(__file__).parent / "model_of_format_1.json"
+WRITTEN = sorted(Path(__file__).parent.glob("model_of_*.json"))  # one by each version
 
 
 def pysindy_library():
@@ -369,13 +369,16 @@ def test_a_model_that_predicts_otherwise_here_is_refused(written, tmp_path):
         load_model(path)
 
 
-def test_a_file_of_the_first_format_is_still_read():
-    model = load_model(FORMAT_1)
+@pytest.mark.parametrize("path", WRITTEN, ids=lambda path: path.stem)
+def test_a_file_of_every_version_is_still_read(path):
+    model = load_model(path)
     assert model.recording_.source == "the damped oscillator"
     # planted: damping 0.5 left of x0 = 0, 0.1 right of it
     velocities = model.predict([[-1.0, 1.0], [1.0, 1.0]])
     np.testing.assert_allclose(velocities, [[1.0, 0.5], [1.0, -1.1]], atol=1e-9)
-    assert model.predict_mode_proba([[-1.0, 1.0]]).argmax() == 0
+    sides = model.predict_mode_proba([[-1.0, 1.0], [1.0, 1.0]]).argmax(axis=1)
+    np.testing.assert_array_equal(sides, model.predict_modes([[-1.0, 1.0], [1.0, 1.0]]))
+    assert set(sides) == {0, 1}
 
 
 def test_reading_uses_nothing_that_runs_code():

@@ -229,3 +229,11 @@ def test_columns_of_a_library_have_relevance_too():
     model.fit(x, Xdot)
     assert model.surface_.coef_[0, 1] == 0.0  # no sine in |x| = 1
     assert np.mean(model.predict_modes(x) == model.modes_) == 1.0
+
+
+@pytest.mark.parametrize("relevance", [[1.0, 0.5], [1.0, 0.5, 0.5, 1.0], [[1.0, 0.5, 0.5]]])
+def test_a_relevance_of_other_features_is_refused(relevance):
+    X = np.random.default_rng(0).uniform(-1, 1, (20, 2))
+    classifier = PolynomialSurfaceClassifier(degree=1, relevance=relevance)  # of 1, x and y
+    with pytest.raises(ValueError, match="for each of the 3 surface features"):
+        classifier.fit(X, X[:, 0] > 0)
