@@ -26,7 +26,7 @@ def relay(start, length, bend=0.0):
 
 def test_laws_that_lack_a_little_are_two_where_free_rollouts_hold():
     """By rows alone any part of a bent law is better told by a law of its own."""
-    seen = [relay(start, 1500, bend=1e-6) for start in (-0.9, 0.1, 0.5)]
+    seen = [relay(start, 1500, bend=1e-8) for start in (-0.9, 0.1, 0.5)]
     recordings = [{"t": np.arange(1500), "x": x} for x, _ in seen]
     found = HybridAutomatonRegressor(discrete_time=True, random_state=0).fit(recordings)
     assert found.n_modes_ == 2 and found.report_.rollouts.holds
@@ -40,7 +40,9 @@ def test_no_modes_are_parted_that_leave_nothing():
     records = [Record(np.arange(400.0), x, np.empty((400, 0))) for x, _ in seen]
     rows = lagged_rows(records, 0)
     data = DiscreteData.of(rows, FeatureMap(1, rows.columns, rows.names))
-    laws = np.array([[[(1.0 - rate) * level, rate]] for rate, level in zip(RATES, LEVELS)])
+    laws = np.array(
+        [[[(1.0 - rate) * level, rate]] for rate, level in zip(RATES, LEVELS, strict=True)]
+    )
     both = alternate(data.problem, laws * data.feature_unit / data.target_unit[:, None])
     assert len(both.coef) == 2 and finer_modes(data, Found(both, None, ()), 4) is None
     one = Found(alternate(data.problem, both.coef[:1]), None, ())
