@@ -205,7 +205,9 @@ def parted(stays: DiscreteStays, most: int) -> DiscreteStays | None:
     if found.states is not None or not data.rows.lags:
         return None
     fit = parted_by_relations(data, found.fit, most)
-    return _again(stays, fit and Found(fit, None, (*found.history, *fit.history)))
+    if fit is None:
+        return None
+    return _again(stays, Found(fit, None, (*found.history, *fit.history)))
 
 
 def _again(stays: DiscreteStays, found: Found | None) -> DiscreteStays | None:
