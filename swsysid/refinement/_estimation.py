@@ -279,8 +279,10 @@ class Estimation:
         errors[parameters.free] = np.sqrt(np.diag(covariance))
         names = parameters.names
         segments = Segments.of(self.records, self.guess, self._whole)
+        model = parameters.apply(self.model, tried[best].vector)
+        vars(model)["covariance_"] = _of_all(parameters, covariance)
         return RefinementResult(
-            model=parameters.apply(self.model, tried[best].vector),
+            model=model,
             names=names,
             values=tried[best].vector,
             covariance=covariance,
@@ -315,6 +317,15 @@ class Estimation:
             rollouts.slopes_of_parameters, rollouts.misfit, rollouts.weight,
             rollouts.problem.recording, len(self.observed), n_unknowns,
         )  # fmt: skip
+
+
+def _of_all(parameters: Parametrization, covariance: Array) -> Array | None:
+    """That of `SwitchingModel.parameters`, which has no parameters with names; None with these."""
+    if parameters.named:
+        return None
+    every = np.zeros((len(parameters.values), len(parameters.values)))
+    every[np.ix_(parameters.free, parameters.free)] = covariance
+    return every
 
 
 def _free(model: FittedModel, system: SwitchingModel, free: ArrayLike | None) -> NDArray[np.bool_]:

@@ -22,7 +22,8 @@ class RefinementResult:
     Attributes
     ----------
     model : like the model given
-        A copy with the refined parameters; labels of its training samples are not touched.
+        A copy with the refined parameters; labels of its training samples are not touched. Its
+        ``simulate(..., n_draws=)`` gives bands, unless named parameters are free.
     names : list of str
         Names of the free parameters: coefficients, named parameters, surface coefficients.
     values : ndarray of shape (n_parameters,)
