@@ -98,7 +98,7 @@ def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> Fo
             break
         both = replace(first, also=(second,))
         nats = exits.nats(both.whole, target)
-        if nats < least:
+        if nats < least and holds(both.whole, reached).any():
             best, least = both, nats
         of_both = [_scaled(one.guard, never, reached) for one in (first, second)]
         before, left = left, of_both[1] < of_both[0]
@@ -129,7 +129,8 @@ def with_teller(found: FoundGuard, never: Array, reached: Array, degree: int) ->
         return found
     told = second.cost + of_exits(*_wrong(second.guard, never, reached)) + _of_side(reached)
     before = of_exits(len(never), len(never) + len(reached))
-    return replace(found, also=(second,)) if told < before - SETTINGS.better else found
+    better = told < before - SETTINGS.better and holds(second.guard, reached).any()
+    return replace(found, also=(second,)) if better else found
 
 
 def _of_side(columns: Array) -> float:

@@ -16,7 +16,8 @@ from swsysid._simulation.model import law_equations
 
 # Samples of a stay that show the law of its mode: fewer are a slope, and two make up any curve.
 _FEW = 10
-# Of the noise, what free rollouts of the recordings that a model was made from may leave of one.
+# Of the noise, what free rollouts of the recordings that a model was made from may leave of one, or
+# of a stretch of it from where they surely leave it to their next switch.
 _FAR = 3.0
 
 
@@ -52,7 +53,8 @@ def strays(found: IdentifiedAutomaton) -> str:
     """
     rollouts = found.rollouts
     driven = found.noises is not None and found.noises.drives
-    far = bool((rollouts.left_of_each > _FAR).any() and rollouts.breaks)  # else by a few outliers
+    stretches = [one.leaves for one in rollouts.breaks]  # without one, by a few outliers
+    far = bool(stretches) and bool(np.max([rollouts.left_of_each.max(), *stretches]) > _FAR)
     if driven or rollouts.hangs_on_start or not far:
         return ""
     return f"By itself the automaton leaves {rollouts.strays}; report_ says more."

@@ -21,7 +21,7 @@ coefficient, with which one more switch can be explained.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -140,6 +140,23 @@ def best_guard(
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
     """Times by which a guard is missed at some columns, which change at some rates."""
     return np.asarray(guard.values(columns) / _rises(guard, columns, rates)[1])
+
+
+def where_it_rises(guard: FoundGuard, columns: Array, rates: Array) -> Array:
+    """Columns moved along their rates to where the guard is zero: there its conditions are judged.
+
+    Where a column is not known they stay.
+    """
+    values, gradients = guard.guard.values(columns), _rises(guard.guard, columns, rates)[0]
+    rises = np.einsum("kc,kc->k", gradients, rates)
+    duration = np.nan_to_num(-values / np.where(rises != 0.0, rises, np.inf))
+    return np.asarray(columns + duration[:, None] * rates)
+
+
+def met(guard: FoundGuard, columns: Array, rates: Array) -> FoundGuard:
+    """A refined guard, without conditions that hold nowhere where it rises now."""
+    held = guard.goes_with(where_it_rises(guard, columns, rates)).any()
+    return guard if held else replace(guard, also=())
 
 
 def share_risen(guard: FoundGuard, columns: Array, rates: Array, interval: float) -> float:

@@ -15,7 +15,7 @@ from swsysid._automaton_search.assembly import Assembled, assembled
 from swsysid._automaton_search.cutting import by_samples
 from swsysid._automaton_search.elsewhere import slopes_from
 from swsysid._automaton_search.found import FoundTransition, Told
-from swsysid._automaton_search.guards import missed_by
+from swsysid._automaton_search.guards import met, missed_by
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.joint import Joint, JointEstimate, jointly
 from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollouts
@@ -269,7 +269,7 @@ def told_jointly(
             # judged at the switches that the laws alone tell
             columns, rates = one.switches.before(stays.estimate.laws)
             misses = missed_by(own_guard, columns, rates)
-            guard = replace(guard, guard=own_guard, misses=misses)
+            guard = met(replace(guard, guard=own_guard, misses=misses), columns, rates)
         if reset is not None and one.transition.jumps:
             own_reset = estimate.resets.reset(number)
             assert own_reset is not None, "what jumps has unknowns"

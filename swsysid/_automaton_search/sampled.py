@@ -39,6 +39,7 @@ from swsysid._checks.parameters import whole
 from swsysid._discrete_stays.identify import (
     DiscreteCertainty,
     DiscreteStays,
+    finer,
     identify_stays,
     parted,
     with_guards,
@@ -100,12 +101,15 @@ def identified(
         max_modes=max_modes,
     )
     told = _Told.of(ModeRows(stays, given), degree)
-    if not (told.rollouts.holds and told.rollouts.tells_switches):
-        most = max_modes if n_modes == "auto" else int(n_modes)
-        if (other := parted(stays, most)) is not None:
+    most = max_modes if n_modes == "auto" else int(n_modes)
+    for otherwise in (finer, parted):
+        if told.rollouts.holds and told.rollouts.tells_switches:
+            break
+        if (other := otherwise(stays, most)) is not None:
             # of two descriptions the one whose free rollouts are right from any start
             again = _Told.of(ModeRows(other, given), degree)
-            told = again if follows_better(again.rollouts, told.rollouts) else told
+            if follows_better(again.rollouts, told.rollouts):
+                told, stays = again, other
     return told.answer()
 
 

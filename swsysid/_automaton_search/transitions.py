@@ -19,6 +19,7 @@ from swsysid._automaton_search.guards import (
     missed_by,
     share_risen,
     surface_both_ways,
+    where_it_rises,
 )
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.switches import Switches, Visits, switches_of
@@ -78,15 +79,17 @@ def _with_tellers(found: list[Settled], context: GuardContext) -> list[Settled]:
     """Guards that rise where their mode is left for another one, with what tells the two apart."""
     crossed = [one.switches.before(context.laws) for one in found]
     told = []
-    for one, (reached, _) in zip(found, crossed, strict=True):
+    for one, taken in zip(found, crossed, strict=True):
+        if one.guard is None:
+            told.append(one)
+            continue
+        reached = where_it_rises(one.guard, *taken)
         never = [reached[:0]]
         for other, (columns, rates) in zip(found, crossed, strict=True):
             exits = one.pair[0] == other.pair[0] and one.pair[1] != other.pair[1]
-            if one.guard is not None and exits:
-                if share_risen(one.guard, columns, rates, context.interval) > 0.5:
-                    never.append(columns)
-        rows = np.vstack(never)
-        guard = one.guard and with_teller(one.guard, rows, reached, context.terms.degree)
+            if exits and share_risen(one.guard, columns, rates, context.interval) > 0.5:
+                never.append(where_it_rises(one.guard, columns, rates))
+        guard = with_teller(one.guard, np.vstack(never), reached, context.terms.degree)
         told.append(replace(one, guard=guard))
     return told
 

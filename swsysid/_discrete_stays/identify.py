@@ -26,6 +26,7 @@ from swsysid._discrete_stays.search import (
     Found,
     Searched,
     StaySearch,
+    finer_modes,
     lasting_only,
 )
 from swsysid._discrete_stays.states import NoiseProfile, with_states
@@ -190,6 +191,11 @@ def with_guards(stays: DiscreteStays, guards: Sequence[KnownGuard]) -> tuple[Dis
     return _answer(again, lags, stays.lag_candidates, shapes, stays.order), likelihood
 
 
+def finer(stays: DiscreteStays, most: int) -> DiscreteStays | None:
+    """The same with modes, `most` at most, for stays in modes that leave much."""
+    return _again(stays, finer_modes(stays.searched.data, stays.searched.found, most))
+
+
 def parted(stays: DiscreteStays, most: int) -> DiscreteStays | None:
     """The same with modes, `most` at most, that one law of long memory had joined.
 
@@ -201,9 +207,15 @@ def parted(stays: DiscreteStays, most: int) -> DiscreteStays | None:
     fit = parted_by_relations(data, found.fit, most)
     if fit is None:
         return None
-    again = replace(stays.searched, found=Found(fit, None, (*found.history, *fit.history)))
-    lags = np.full(len(fit.coef), data.rows.lags)
-    shapes = [one.shape for one in stays.states]
+    return _again(stays, Found(fit, None, (*found.history, *fit.history)))
+
+
+def _again(stays: DiscreteStays, found: Found | None) -> DiscreteStays | None:
+    """What else was found in the rows of some stays."""
+    if found is None:
+        return None
+    lags = np.full(len(found.coef), stays.searched.data.rows.lags)
+    again, shapes = replace(stays.searched, found=found), [one.shape for one in stays.states]
     return _answer(again, lags, stays.lag_candidates, shapes, stays.order)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -168,41 +168,64 @@ class StaySearch:
         if self.part is self.data:
             return found
         scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
-        found = self._followed(found, found.coef, scale)
-        while len(found.coef) < most:
-            tried = self._with_one_more(found)
-            better = [one for one in tried if len(found.coef) < len(one.coef) <= most]
-            better = [one for one in better if one.cost < found.cost]
-            if not better:
-                break
-            found = min(better, key=lambda one: one.cost)
-        return found
+        found = _followed(self.data, found, found.coef, scale)
+        return _with_more(self.data, found, most, lambda found: [found.fit.unexplained])
 
-    def _with_one_more(self, found: Found) -> Iterator[Found]:
-        """With the law of rows that none explains, or of one stay in a mode that leaves much."""
-        problem, fit = self.data.problem, found.fit
-        first = np.flatnonzero(problem.begins | np.append(True, np.diff(fit.lawful) != 0))
-        length = np.diff(np.append(first, len(problem.begins)))
+
+def finer_modes(data: DiscreteData, found: Found, most: int) -> Found | None:
+    """The same with more modes, `most` at most, for stays in modes that leave much.
+
+    None where that is no better, or where measurements have noise. Laws that lack a little leave
+    much, too, and are parted without end: free rollouts say which of both is right.
+    """
+
+    def some(found: Found) -> Iterator[NDArray[np.bool_]]:
+        """Rows that no law explains, and the longest stay in each rough mode."""
+        fit = found.fit
+        yield fit.unexplained
+        first = np.flatnonzero(data.problem.begins | np.append(True, np.diff(fit.lawful) != 0))
+        length = np.diff(np.append(first, len(fit.modes)))
         stays = np.repeat(np.arange(len(first)), length)
-        some = [fit.unexplained]
-        for mode in np.flatnonzero(_is_rough(fit)) if found.states is None else ():
-            some.append(stays == np.where(fit.lawful[first] == mode, length, 0).argmax())
-        scale = scale_of(problem, found.coef, fit.lawful)
-        scale = np.vstack([scale, scale.min(axis=0)])
-        for rows in some:
-            if np.count_nonzero(rows) > problem.features.shape[1]:
-                coef = np.concatenate([found.coef, law_of(problem, rows)[None]])
-                yield self._followed(found, coef, scale)
+        for mode in np.flatnonzero(_is_rough(fit)):
+            yield stays == np.where(fit.lawful[first] == mode, length, 0).argmax()
 
-    def _followed(self, found: Found, coef: Array, scale: Array) -> Found:
-        """Laws led on all rows, with as much disturbance as in the part of them."""
-        data, problem = self.data, self.data.problem
-        if found.states is None:
-            fit = without_momentary(data, alternate(problem, coef))
-            return Found(fit, None, found.history + fit.history)
-        fit = assigned(problem, coef, scale, found.fit.switching)
-        start = Found(replace(fit, guards=found.fit.guards), None, found.history)
-        return lasting_only(data, with_noise(data, start, [found.states.tie] * 2))
+    more = found if found.states is not None else _with_more(data, found, most, some)
+    return None if more is found else more
+
+
+def _with_more(
+    data: DiscreteData,
+    found: Found,
+    most: int,
+    some: Callable[[Found], Iterable[NDArray[np.bool_]]],
+) -> Found:
+    """With the laws of some rows as long as one of them is better, up to so many."""
+    problem = data.problem
+    while len(found.coef) < most:
+        scale = scale_of(problem, found.coef, found.fit.lawful)
+        scale = np.vstack([scale, scale.min(axis=0)])
+        tried = [
+            _followed(data, found, np.vstack([found.coef, law_of(problem, rows)[None]]), scale)
+            for rows in some(found)
+            if np.count_nonzero(rows) > problem.features.shape[1]
+        ]
+        better = [one for one in tried if len(found.coef) < len(one.coef) <= most]
+        better = [one for one in better if one.cost < found.cost]
+        if not better:
+            break
+        found = min(better, key=lambda one: one.cost)
+    return found
+
+
+def _followed(data: DiscreteData, found: Found, coef: Array, scale: Array) -> Found:
+    """Laws led on all rows, with as much disturbance as in the part of them."""
+    problem = data.problem
+    if found.states is None:
+        fit = without_momentary(data, alternate(problem, coef))
+        return Found(fit, None, found.history + fit.history)
+    fit = assigned(problem, coef, scale, found.fit.switching)
+    start = Found(replace(fit, guards=found.fit.guards), None, found.history)
+    return lasting_only(data, with_noise(data, start, [found.states.tie] * 2))
 
 
 def without_momentary(data: DiscreteData, fit: RowFit) -> RowFit:

@@ -153,11 +153,13 @@ def test_what_follows_its_recordings_warns_of_nothing(noise):
         ({}, True),
         ({"hangs_on_start": True}, False),
         ({"left_of_each": np.array([[2.9]])}, False),
+        ({"left_of_each": np.array([[1.1]]), "breaks": (SimpleNamespace(leaves=4.7),)}, True),
         ({"breaks": ()}, False),  # a few outliers leave as much
     ],
 )
 def test_only_what_is_a_proof_against_the_automaton_is_warned_of(doubt, says):
-    usual = {"left_of_each": np.array([[3.1]]), "hangs_on_start": False, "breaks": ("",)}
+    usual = {"left_of_each": np.array([[3.1]]), "hangs_on_start": False}
+    usual["breaks"] = (SimpleNamespace(leaves=2.8),)
     rollouts = SimpleNamespace(**(usual | {"strays": "1 of 2 recordings"} | doubt))
     found = SimpleNamespace(rollouts=rollouts, noises=None)
     assert bool(strays(found)) == says

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor, MisfitWarning
-from swsysid._automaton_search.conditions import Exits, of_exits, with_second
+from swsysid._automaton_search.conditions import Exits, of_exits, with_second, with_teller
 from swsysid._automaton_search.found import FoundGuard
-from swsysid._automaton_search.guards import share_risen
+from swsysid._automaton_search.guards import met, share_risen, where_it_rises
 from swsysid.results import PolynomialGuard
 
 TURN = (
@@ -156,3 +156,37 @@ def test_the_share_of_switches_at_which_a_guard_rises():
     assert share_risen(replace(level, also=(clock,)), columns, rates, 0.1) == pytest.approx(1 / 3)
     columns[0, 1], columns[1, 1] = np.nan, 2.0
     assert share_risen(clock, columns, rates, 0.1) == pytest.approx(1 / 2)  # of two that are known
+
+
+def _below(level):
+    """A guard that rises where the first of four columns falls: height, speed, and clocks."""
+    powers = np.array([[0, 0, 0, 0], [1, 0, 0, 0]])
+    return FoundGuard(PolynomialGuard(np.array([level, -1.0]), powers), 0.0, np.zeros(20), [0])
+
+
+def test_conditions_are_judged_where_the_guard_rises():
+    """Noise moves the heights of two exits of one surface: by itself a height tells them apart."""
+    rng, found = np.random.default_rng(0), _below(0.0054)
+    heights = np.concatenate([rng.uniform(0.0058, 0.007, 20), rng.uniform(0.003, 0.005, 20)])
+    columns = np.column_stack([heights, rng.normal(-2.0, 0.1, 40), np.full((40, 2), np.nan)])
+    rates = np.column_stack([columns[:, 1], np.full(40, -9.81), np.ones((40, 2))])
+    reached, never = columns[:20], columns[20:]
+    apart = with_teller(found, never, reached, 1)
+    assert not (apart.whole.values(np.linspace(0.0, 0.01, 99)[:, None] * [1, 0, 0, 0]) >= 0).any()
+    at = where_it_rises(found, columns, rates)
+    np.testing.assert_allclose(at[:, 0], 0.0054, rtol=0, atol=1e-15)
+    # a speed of v falls by g for the time in which the height changes at v
+    falls = columns[:, 1] - 9.81 * (0.0054 - heights) / columns[:, 1]
+    np.testing.assert_allclose(at[:, 1], falls, rtol=1e-12)
+    assert not with_teller(found, at[20:], at[:20], 1).also
+
+
+def test_a_condition_that_holds_nowhere_where_a_refined_guard_rises_goes():
+    columns = np.column_stack([np.zeros(3), [-2.0, -2.5, -3.0], np.zeros((3, 2))])
+    rates = np.column_stack([columns[:, 1], np.full(3, -9.81), np.ones((3, 2))])
+    above = FoundGuard(
+        PolynomialGuard(np.array([-0.001, 1.0]), np.array([[0, 0, 0, 0], [1, 0, 0, 0]])),
+        0.0, np.zeros(3), [0],
+    )  # fmt: skip
+    assert met(replace(_below(0.002), also=(above,)), columns, rates).also == (above,)
+    assert met(replace(_below(0.0), also=(above,)), columns, rates).also == ()
