@@ -20,7 +20,7 @@ from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._data.trajectories import places_along
-from swsysid._known.known import check_known
+from swsysid._known.known import known_laws
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning, MisfitWarning
@@ -35,6 +35,8 @@ from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._verdict.words import AUTOMATON
 from swsysid._whole_or_nothing import failing_in_words
 from swsysid.exporting import ToOtherTools
+
+_OWN_GUARDS = "each transition of an automaton has a guard of its own"
 
 
 class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
@@ -247,7 +249,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
-        refine, laws_known = flag("refine", self.refine), check_known(self.known)
+        refine, laws_known = flag("refine", self.refine), known_laws(self.known, _OWN_GUARDS)
         sampled.check_times(
             discrete, order, self.lags, self.sparsity, self.input_hold, knows=bool(laws_known)
         )

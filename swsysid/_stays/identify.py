@@ -32,7 +32,7 @@ from swsysid._stays.assign import (
 from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord, leaves_noise, noise_of
-from swsysid._stays.knowledge import placed
+from swsysid._stays.laws import placed
 from swsysid._stays.lifted import Estimate, recombined
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.nodes import Nodes
