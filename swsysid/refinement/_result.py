@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._known.checks import KnownCheck, blamed
 from swsysid._results import Array, Status
 from swsysid._simulation.model import FittedModel
 from swsysid._stays.arrow import pseudo_inverse
@@ -24,7 +25,8 @@ class RefinementResult:
     model : like the model given
         A copy with the refined parameters; labels of its training samples are not touched.
     names : list of str
-        Names of the free parameters: coefficients, named parameters, surface coefficients.
+        Names of the free parameters: coefficients, named parameters, surface coefficients. Those
+        that what is known lets follow others are not among them.
     values : ndarray of shape (n_parameters,)
         Their estimates.
     covariance : ndarray of shape (n_parameters, n_parameters)
@@ -47,6 +49,8 @@ class RefinementResult:
         What to do about it.
     held_out_before, held_out_after : ndarrays of shape (n_held_out, n_outputs) or None
         As `rmse_before` and `rmse_after`, on recordings that took no part.
+    known : tuple of KnownCheck
+        For each thing known what the trajectories would rather have, with its p-value.
     """
 
     model: FittedModel
@@ -66,6 +70,7 @@ class RefinementResult:
     advice: str
     held_out_before: Array | None = None
     held_out_after: Array | None = None
+    known: tuple[KnownCheck, ...] = ()
 
     @property
     def standard_errors(self) -> Array:
@@ -110,7 +115,8 @@ class RefinementResult:
             for k, (before, after) in enumerate(zip(*errors, strict=True)):
                 pairs = ", ".join(f"{b:.4g} -> {a:.4g}" for b, a in zip(before, after, strict=True))
                 lines.append(f"rollout error of {what} {k}: {pairs}")
-        return "\n".join([*lines, self.advice])
+        lines += [f"known: {one}" for one in self.known]
+        return "\n".join([*lines, blamed(self.known) or self.advice])
 
 
 def robust_covariance(

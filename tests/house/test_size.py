@@ -35,6 +35,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   the surfaces (`_identification`, `_surfaces`, whose refusals are a file of their own; `top`),
 #   and is asked beside further monomials, the stays as told (`_stays`); laws that effects complete
 #   keep to what is known by the names of the records (`_effect_model`, `_effect_search`, `_known`);
+#   and rollouts are refined within it and asked (`refinement`, a file);
 # - guards have several conditions (`_automaton`, with the settings of SpaceEx models;
 #   `_discrete_stays`), two of which are found (`_automaton_search/conditions`);
 # - modes that a lag remembers are parted (`_discrete_stays/relations`, a file), and free rollouts
@@ -75,13 +76,13 @@ MOST_LINES = {
     "effects": 3990,
     "exporting": 3330,
     "_free_rollouts": 890,
-    "_identification": 2920,
+    "_identification": 2930,
     "_known": 1410,
     "_losses": 930,
     "metrics": 720,
     "_output_error": 2260,
     "_recording_page": 490,
-    "refinement": 1960,
+    "refinement": 2250,
     "relaxations": 1480,
     "_rendering": 710,
     "_residual_report": 2350,
@@ -95,7 +96,7 @@ MOST_LINES = {
     "_verdict": 1710,
     "top": 4050,
 }
-MOST_FILES = 421  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
+MOST_FILES = 422  # a writer for each tool (`exporting`), a reader for each format (`_tables`)
 MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
