@@ -118,8 +118,10 @@ class Cutting:
         with Search.quietly():
             if self.estimator.n_modes != "auto":
                 return self._of(self._with_modes(self.estimator.n_modes))
-            counts = self.first.search.counts
-            found, self.candidates = fewest_modes(self._with_modes, self._merged, counts)
+            search = self.first.search
+            found, self.candidates = fewest_modes(
+                self._with_modes, self._merged, search.counts, search.leaves_noise
+            )
             return self._of(found)
 
     def again(self, cut: Cut, jumps: list[NDArray[np.intp]]) -> Cut:
@@ -170,6 +172,8 @@ class Cutting:
             return None
         told = self._told_anew(self._at(jumps), now.stays, roughly=True)
         self.told()
+        if not told.stays.reached.is_joined:
+            told = self._told_anew(told, now.stays)
         return told if told.cost < now.cost else None
 
     def _told_anew(self, at: Pieced, before: StayIdentification, *, roughly: bool = False) -> Cut:

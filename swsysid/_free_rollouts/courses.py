@@ -107,12 +107,8 @@ class Pairs:
         for transition in {one[1:] for one in identified} & {one[1:] for one in rolled_out}:
             first = [k for k, one in enumerate(identified) if one[1:] == transition]
             second = [k for k, one in enumerate(rolled_out) if one[1:] == transition]
-            away = np.abs(
-                np.subtract.outer(
-                    [identified[k].time for k in first], [rolled_out[k].time for k in second]
-                )
-            )
-            nearest, back = away.argmin(axis=1), away.argmin(axis=0)
+            times = [identified[k].time for k in first], [rolled_out[k].time for k in second]
+            nearest, back = _nearest(*times), _nearest(*times[::-1])
             both += [(first[k], second[n]) for k, n in enumerate(nearest) if back[n] == k]
         paired = [set(side) for side in zip(*both, strict=True)] or [set(), set()]
         return cls(
@@ -140,12 +136,11 @@ class Pairs:
 
     def undecided(self, t: Array, step: float) -> NDArray[np.bool_]:
         """Samples between the two instants of one switch: they are on either side of it."""
-        found = np.zeros(len(t), dtype=bool)
-        for one, two in self.both:
-            if abs(two.time - one.time) <= step:
-                first, last = sorted((one.time, two.time))
-                found |= (t >= first) & (t <= last)
-        return found
+        times = np.array([(one.time, two.time) for one, two in self.both]).reshape(-1, 2)
+        first, last = np.sort(times[np.abs(np.diff(times)[:, 0]) <= step]).T
+        begun = np.bincount(np.searchsorted(t, first), minlength=len(t) + 1)
+        ended = np.bincount(np.searchsorted(t, last, side="right"), minlength=len(t) + 1)
+        return (begun - ended).cumsum()[: len(t)] > 0
 
     def blamed(self, time: float, step: float) -> tuple[float, str, str]:
         """When the last switch up to a time goes wrong, which transition it is of, and how.
@@ -163,6 +158,14 @@ class Pairs:
         before = [one for one in told if one[0] <= time + _BEGIN * step]
         last = max(before, default=(time, "", ""))
         return last if last[1] else (time, "", "")
+
+
+def _nearest(times: Sequence[float], among: Sequence[float]) -> NDArray[np.intp]:
+    """Place of the nearest of some increasing times, the earlier one of two, for each."""
+    ends = np.concatenate([[-np.inf], among, [np.inf]])
+    after = np.searchsorted(among, times) + 1  # in ends
+    earlier = np.subtract(times, ends[after - 1]) <= ends[after] - times
+    return after - 1 - earlier
 
 
 def _off(identified: Switch, rolled_out: Switch, step: float) -> str:

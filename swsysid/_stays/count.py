@@ -89,7 +89,7 @@ def _misfit(found: StayIdentification) -> tuple[float, float]:
     """
     left, spread = misfits(found.estimate), found.estimate.laws.spread
     count = np.isfinite(left).sum(axis=(0, 1))
-    squares = np.nansum(np.square(left), axis=(0, 1)) / np.maximum(count, 1)
+    squares = found.reached.squares.sum(axis=0) / np.maximum(count, 1)
     shares = np.maximum(squares / np.square(spread), LIMITS.exactly**2)
     nats = 0.5 * float((count * np.log(shares))[count > 0].sum())
     return float(count.sum()), nats
@@ -136,16 +136,20 @@ def fewest_modes(
     identified: Callable[[int, StayIdentification | None], StayIdentification],
     merged: Callable[[StayIdentification], StayIdentification | None],
     counts: Sequence[int],
+    is_noise: Callable[[StayIdentification], bool],
 ) -> tuple[StayIdentification, list[CountCandidate]]:
     """The number at which another mode no longer pays, and one fewer does not either.
 
-    One more is tried while one might pay; then two modes become one as long as that is better: the
-    answer with too many may have parted what one with fewer has not found. `identified` is given a
-    number and the answer of the number before, `merged` an answer.
+    One more is tried while one might pay, and where the best leaves more than noise one beyond: of
+    the four modes of two heaters a third explains little. Then two modes become one as long as that
+    is better: the answer with too many may have parted what one with fewer has not found.
+    `identified` is given a number and the answer of the number before, `merged` and `is_noise`
+    (whether that is all it leaves) an answer.
     """
     found: list[StayIdentification] = []
     asked: list[int] = []
     candidates: list[CountCandidate] = []
+    in_vain = 0
     for n_modes in counts:
         if found and is_exact(found[-1]):
             break
@@ -153,10 +157,9 @@ def fewest_modes(
         asked.append(n_modes)
         candidates = criteria(asked, found)
         gone = len(found[-1].estimate.laws.coef) < n_modes
-        worse = candidates[-1].criterion > min(
-            (c.criterion for c in candidates[:-1]), default=np.inf
-        )
-        if n_modes > 2 and (gone or worse):
+        best = int(first_least([one.criterion for one in candidates]))
+        in_vain = 0 if best == len(found) - 1 and not gone else in_vain + 1
+        if n_modes > 2 and in_vain and (in_vain > 1 or is_noise(found[best])):
             break
     while True:
         best = int(first_least([one.criterion for one in candidates]))

@@ -72,6 +72,25 @@ class Reached:
         objective = self.objective.with_noise(noise)
         return Reached(self.estimate, objective, objective.value(self.estimate))
 
+    @property
+    def squares(self) -> Array:
+        """What samples and gaps between nodes leave, of recordings and channels, in their units.
+
+        Where laws are right both together are, but for what is taken by unknowns, the variance of
+        the noise. Misfits alone are less where nodes are tied loosely, and say nothing where no
+        descent has joined them.
+        """
+        nodes, states = self.estimate.nodes, self.estimate.states
+        squares = np.nan_to_num(np.square((nodes.y - states) / nodes.sizes))
+        squares[nodes.begins] += np.square(self.objective.gaps(self.estimate) * self.noise)
+        return np.add.reduceat(squares, nodes.first)
+
+    @property
+    def is_joined(self) -> bool:
+        """Whether gaps weigh less than what samples leave; else the states are no rollout yet."""
+        of_gaps = np.square(self.objective.gaps(self.estimate) * self.noise).sum()
+        return bool(of_gaps < 0.5 * self.squares.sum())
+
     @cached_property
     def covariance(self) -> Covariance:
         """Covariance of all unknowns, by the inverse of Gauss and Newton's matrix."""

@@ -206,10 +206,7 @@ class Objective:
         nodes, guards = estimate.nodes, estimate.guards
         misfit, _ = self._misfit(estimate)
         of_nodes = 0.5 * np.square(misfit).sum(axis=1)
-        gaps = (estimate.states[nodes.begins + 1] - estimate.ends()) / self.noise
-        of_nodes[nodes.begins] += 0.5 * (
-            np.square(gaps).sum(axis=1) * np.square(self._weights(nodes))
-        )
+        of_nodes[nodes.begins] += 0.5 * np.square(self.gaps(estimate)).sum(axis=1)
         if guards is not None:
             misses = guards.misses(estimate.crossings)
             far = _far(misses.times / self.guard_time)
@@ -219,6 +216,11 @@ class Objective:
             wrong = 0.5 * np.square(guards.wrong_sides()).sum(axis=0)
             np.add.at(values, nodes.recordings.groups, wrong)
         return values
+
+    def gaps(self, estimate: Estimate) -> Array:
+        """From where flows lead to the next nodes, in units of ties, (n_intervals, n_states)."""
+        gaps = (estimate.states[estimate.nodes.begins + 1] - estimate.ends()) / self.noise
+        return np.asarray(gaps * self._weights(estimate.nodes)[:, None])
 
     def normal_equations(self, estimate: Estimate) -> NodeEquations:
         """Gauss and Newton's equations."""

@@ -201,6 +201,19 @@ def test_many_stretches_together_tell_what_none_does():
     assert not leave_more([one / 1.4 for one in stretches], 1.0, 2.0)
 
 
+def test_pairs_and_what_they_leave_undecided_are_those_of_all_distances():
+    rng = np.random.default_rng(0)
+    sides = [np.sort(rng.uniform(0.0, 50.0, n)) for n in (60, 50)]
+    pairs = Pairs.of(*([Switch(time, 0, 1) for time in side] for side in sides))
+    away = np.abs(np.subtract.outer(*sides))
+    mutual = (away == away.min(axis=0)) & (away == away.min(axis=1)[:, None])
+    known = [(sides[0][k], sides[1][n]) for k, n in np.argwhere(mutual)]
+    assert [(one.time, two.time) for one, two in pairs.both] == known
+    t = np.linspace(0.0, 50.0, 301)
+    between = [(t >= min(one)) & (t <= max(one)) for one in known if abs(one[0] - one[1]) <= 0.4]
+    np.testing.assert_array_equal(pairs.undecided(t, 0.4), np.any(between, axis=0))
+
+
 def test_pairs_are_mutual_nearest_of_one_transition():
     identified = [Switch(1.0, 0, 1), Switch(2.0, 1, 0), Switch(3.0, 0, 1)]
     rolled = [Switch(1.1, 0, 1), Switch(1.9, 1, 0), Switch(2.2, 0, 1)]

@@ -12,6 +12,7 @@ from benchmarks.trajectories.recordings import Scenario, record
 from swsysid._data.recordings import Record
 from swsysid._stays.count import order_of_switches
 from swsysid._stays.decoding import decode
+from swsysid._stays.descent import Reached
 from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective
@@ -44,16 +45,21 @@ def contact():
     return plant, campaign, recordings, laws, stays
 
 
+def at_rest(y, states):
+    """States of a law that does not move, at the times of some samples."""
+    t = np.arange(float(len(y)))
+    rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
+    recordings = Recordings.of([Record(t, y, np.empty((len(y), 0)))])
+    nodes = Nodes(recordings, [Stays(np.zeros(1, dtype=np.intp), np.zeros(0))])
+    return Estimate(rest, nodes, states)
+
+
 def resting(y):
     """Samples of a state that does not move, with unit noise, and the nodes of highest likelihood.
 
     A linear problem: one step leads there.
     """
-    t = np.arange(float(len(y)))
-    rest = Laws(np.zeros((1, 1, 1)), lambda X: X, np.ones(1), np.zeros((1, 1, 1), dtype=bool))
-    recordings = Recordings.of([Record(t, y, np.empty((len(y), 0)))])
-    nodes = Nodes(recordings, [Stays(np.zeros(1, dtype=np.intp), np.zeros(0))])
-    estimate = Estimate(rest, nodes, np.zeros((len(y), 1)))
+    estimate = at_rest(y, np.zeros((len(y), 1)))
     step, promised = Objective(np.ones(1), 1e-5).normal_equations(estimate).step(0.0)
     return estimate.moved(step).states, promised
 
@@ -69,6 +75,20 @@ def test_without_motion_nodes_average():
 def test_a_missing_value_says_nothing():
     states, _ = resting(np.array([[1.0], [np.nan], [3.0]]))
     np.testing.assert_allclose(states[:, 0], 2.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("tie", [0.4, 0.0055])
+def test_states_that_follow_the_samples_and_no_law_leave_their_gaps(tie):
+    # a state that does not move, said to be wherever it was measured: 0, 1, 3
+    y = np.array([[0.0], [1.0], [3.0]])
+    reached = Reached(at_rest(y, y), Objective(np.array([2.0]), tie), 0.0)
+    # no misfit; steps of 1 and 2, each by tie times the noise: that of the noise cancels
+    assert reached.squares == pytest.approx((1.0 + 4.0) / tie**2)
+    assert not reached.is_joined
+    mean = np.full_like(y, 4.0 / 3.0)
+    joined = Reached(at_rest(y, mean), Objective(np.array([2.0]), tie), 0.0)
+    assert joined.squares == pytest.approx(np.square(y - mean).sum())
+    assert joined.is_joined
 
 
 def near_the_truth(rng):
