@@ -19,7 +19,7 @@ from benchmarks.automata.plants import PLANTS
 from benchmarks.automata.recordings import HELD_OUT, Campaign, Scenario, record
 from benchmarks.golden.record import answered, estimate
 from swsysid import HybridAutomatonRegressor
-from swsysid.results import Transition
+from swsysid.results import PolynomialGuard
 
 __all__ = ["cells", "run"]
 
@@ -88,17 +88,15 @@ def _transitions(
         model.transitions_, model.guard_errors_, model.reset_errors_, strict=True
     ):
         between = "-".join(str(names.get(mode, "?")) for mode in (one.source, one.target))
-        yield f"guard {between}, {_terms(one)}", _guard(one, errors)
+        parts = np.split(errors, np.cumsum([len(own.coef) for own in one.guard.conditions])[:-1])
+        for own, of_own in zip(one.guard.conditions, parts, strict=True):
+            size = np.abs(own.coef).max()
+            yield f"guard {between}, {_terms(own)}", estimate(own.coef / size, of_own / size)
         if one.reset is not None:
             values = np.column_stack([one.reset.offset, one.reset.matrix])
             yield f"reset {between}", estimate(values, reset_errors)
 
 
-def _terms(one: Transition) -> str:
+def _terms(condition: PolynomialGuard) -> str:
     """The powers of the columns in each monomial."""
-    return " ".join("".join(map(str, powers)) for powers in one.guard.powers)
-
-
-def _guard(one: Transition, errors) -> dict:
-    size = np.abs(one.guard.coef).max()
-    return estimate(one.guard.coef / size, None if errors is None else errors / size)
+    return " ".join("".join(map(str, powers)) for powers in condition.powers)
