@@ -325,8 +325,7 @@ class Alternation:
         """The same from the surface of the round before."""
         placed, enough = self.placed, np.inf
         assert placed is not None and placed.estimate.guards is not None
-        guards = placed.estimate.guards
-        first = replace(first, guards=guards)
+        first = replace(first, guards=(guards := placed.estimate.guards))
         start = Reached(first, placed.reached.objective.with_noise(self.noise), np.inf)
         if self.found:
             enough = self.best.reached.with_noise(self.noise).value + self.settings.hopeless
