@@ -21,7 +21,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
 .PHONY: help demo test nightly test-kernels test-oldest audit lint examples examples-record docs docs-offline bench bench-seeding bench-quality \
-	bench-undeclared bench-measured bench-speed bench-trajectories bench-automata golden golden-quick \
+	bench-undeclared bench-measured bench-speed bench-peers bench-trajectories bench-automata golden golden-quick \
 	figures clean
 
 help:
@@ -46,6 +46,7 @@ help:
 	@echo "make bench-trajectories  noisy recordings without velocities, beside what they allow (hours; resumes)"
 	@echo "make bench-automata  hybrid automata of the literature, clean and with noise (an hour; resumes)"
 	@echo "make bench-speed     structured solvers and whole fits, in ratios"
+	@echo "make bench-peers     recordings, beside CasADi with IPOPT and dynamax (minutes)"
 	@echo "make figures   draw the figures of README and pages, write what commands print into them"
 
 
@@ -144,6 +145,9 @@ bench-automata: $(VENV)/.installed-bench
 
 bench-speed: $(VENV)/.installed-bench $(PARC)
 	OMP_NUM_THREADS=1 $(BIN)/python -W ignore -m benchmarks.speed --parc $(PARC) --docs docs
+
+bench-peers: $(VENV)/.installed-bench $(VENV)/.installed-peers
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.speed.peers --docs docs
 
 $(PARC):
 	PYTHON=$(PYTHON) benchmarks/parc/build.sh $(PARC:/bin/python=)

@@ -22,6 +22,7 @@ from benchmarks.quality import tables as quality
 from benchmarks.results import RESULTS, load
 from benchmarks.seeding import table as seeding
 from benchmarks.sensitivity import tables as sensitivity
+from benchmarks.speed import peers_table
 from benchmarks.speed import tables as speed
 from benchmarks.trajectories import tables as trajectories
 from benchmarks.undeclared import fresh, unlisted
@@ -81,6 +82,7 @@ PAGES = (
     Page("laboratory_table.md", "laboratory", LABORATORY, laboratory.tables),
     Page("calibration_table.md", "calibration", CALIBRATION, calibration.tables),
     Page("speed_tables.md", "speed", "make bench-speed", speed.table),
+    Page("peers_table.md", "peers", "make bench-peers", peers_table.table),
     Page("quality_summary.md", "quality", "make bench-quality", quality.summary),
     Page("quality_tables.md", "quality", "make bench-quality", quality.tables),
     Page("paper_tables.md", "paper", "make bench", paper.tables),

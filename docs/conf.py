@@ -56,6 +56,7 @@ exclude_patterns = [
     "quality_summary.md",
     "recordings_table.md",
     "undeclared_tables.md",
+    "peers_table.md",
     "speed_tables.md",
     "paper_tables.md",
     "seeding_table.md",

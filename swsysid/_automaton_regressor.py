@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, clone
 
 from swsysid._automaton.model import HybridAutomaton
+from swsysid._automaton.rollouts import band_of
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
 from swsysid._automaton_search.doubts import strays, untold_switches
@@ -20,7 +21,7 @@ from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._data.trajectories import places_along
-from swsysid._known.known import known_laws
+from swsysid._known.known import OF_TRANSITIONS, known_laws
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning, MisfitWarning
@@ -35,8 +36,6 @@ from swsysid._verdict.judge import Asked, JudgedOnRecordings
 from swsysid._verdict.words import AUTOMATON
 from swsysid._whole_or_nothing import failing_in_words
 from swsysid.exporting import ToOtherTools
-
-_OWN_GUARDS = "each transition of an automaton has a guard of its own"
 
 
 class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
@@ -249,7 +248,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
-        refine, laws_known = flag("refine", self.refine), known_laws(self.known, _OWN_GUARDS)
+        refine, laws_known = flag("refine", self.refine), known_laws(self.known, OF_TRANSITIONS)
         sampled.check_times(
             discrete, order, self.lags, self.sparsity, self.input_hold, knows=bool(laws_known)
         )
@@ -285,9 +284,16 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         """Roll the automaton out; as `HybridAutomaton.simulate`.
 
         Inputs keep their value until the next sample if all of them did so in `fit`; else they are
-        linear between their samples.
+        linear between their samples. ``n_draws`` asks for a band, if `covariance_` is known.
         """
-        return self._fitted.simulate(x0, t, inputs, mode=mode, **self._with_hold(options))
+        wishes = self._with_hold(options)
+        return band_of(self._fitted, self.covariance_, x0, t, inputs, mode, wishes)
+
+    @property
+    def covariance_(self):
+        """Of ``automaton_.parameters``, of `refinement_`; None where that was not kept."""
+        gained = self.refinement_
+        return gained.covariance if gained is not None and gained.kept else None
 
     @failing_in_words
     def score(self, x, t=None, groups=None, inputs=None):
@@ -342,14 +348,10 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     def _estimator(self) -> SwitchingSystemRegressor:
         """What stays start from: the modes of derivatives, no surface asked."""
         return SwitchingSystemRegressor(
-            self.n_modes,
-            feature_library=self.feature_library,
-            coupling=0.0,
-            sparsity=self.sparsity,
-            max_modes=self.max_modes,
-            n_jobs=self.n_jobs,
+            self.n_modes, feature_library=self.feature_library, coupling=0.0,
+            sparsity=self.sparsity, max_modes=self.max_modes, n_jobs=self.n_jobs,
             random_state=self.random_state,
-        )
+        )  # fmt: skip
 
     def _asked(self, given: Given, split: Split) -> Asked:
         lags = self.automaton_.lags if self.discrete_time else 0

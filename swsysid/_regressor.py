@@ -132,6 +132,9 @@ class SwitchingSystemRegressor(
         The candidates of ``n_modes="auto"``, empty otherwise.
     n_modes_, n_iter_, n_features_in_ : int
     converged_ : bool
+    covariance_ : ndarray of shape (n_parameters, n_parameters) or None
+        Of ``coef_.ravel()``, then the surfaces' coefficients in the coordinates of their fit; 0
+        where fixed, infinite where nothing tells. Of `TrajectoryIdentifier` and `refine`, else None
     feature_names_in_ : ndarray of str, if `X` has column names
     feature_names_out_ : ndarray of str
         Names of the features Phi.
@@ -304,6 +307,7 @@ class SwitchingSystemRegressor(
         **options
             ``max_switches``, ``rtol``, ``atol`` (default: 1e-10 of the spread of each state in
             the data of the fit) and ``state_bound`` (default: 1e9 of it) of the integration.
+            ``n_draws``, with ``confidence`` and ``random_state``, asks for a band (`Trajectory`).
 
         Returns
         -------
@@ -317,7 +321,8 @@ class SwitchingSystemRegressor(
                 f"The model has {n_states} velocities but only {self.n_features_in_} columns in "
                 "X; simulate needs the states themselves as the first columns of X."
             )
-        return self.switching_model.simulate(x0, t, inputs, input_hold=input_hold, **options)
+        known = {"covariance": vars(self).get("covariance_"), "input_hold": input_hold}
+        return self.switching_model.simulate(x0, t, inputs, **known, **options)
 
     def certificate(self, X, y):
         """How far the vector fields and the modes can be from optimal on some data.
@@ -332,13 +337,9 @@ class SwitchingSystemRegressor(
         check_fitted(self)
         X, y = rows_and_velocities(self, X, y)
         return certify(
-            self.switching_model.feature_map(X),
-            y.reshape(len(y), -1),
-            self.coef_,
-            self.loss,
-            solver=self.solver,
-            coef_bound=self.coef_bound,
-        )
+            self.switching_model.feature_map(X), y.reshape(len(y), -1), self.coef_, self.loss,
+            solver=self.solver, coef_bound=self.coef_bound,
+        )  # fmt: skip
 
     def set_params(self, **params):
         """Set parameters, those of the default surface and relaxation included.
@@ -366,7 +367,7 @@ class SwitchingSystemRegressor(
         self.coef_, self.surface_, self.modes_ = best.coef, answer.surface, answer.modes
         self._membership, self.objective_ = answer.membership, answer.objective
         self.history_, self.n_iter_ = answer.history, len(answer.history)
-        self.converged_, self.n_modes_ = best.converged, len(best.coef)
+        self.converged_, self.n_modes_, self.covariance_ = best.converged, len(best.coef), None
         self.stability_, self.mode_selection_ = found.stability, list(found.candidates)
         self.guard_score_, self.residual_share_ = doubts.guard.score, doubts.shared.share
         attach_likelihood(self.surface_, found.problem, best.coef, best.modes)

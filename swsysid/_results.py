@@ -188,6 +188,11 @@ class Trajectory:
     status : Status
     names : tuple of str
         Names of the states; x0, x1, ... if empty.
+    lower, upper : ndarray of shape (n_times, n_states) or None
+        Between these are, at each time, 95 % (``confidence`` of `simulate`) of the rollouts of
+        ``n_draws`` models whose coefficients are drawn from the covariance of those that were
+        found, with ``random_state``; infinite where too many have ended before. Noise and the
+        error of the start are no part of it.
     """
 
     t: Array
@@ -196,6 +201,8 @@ class Trajectory:
     events: tuple[SwitchEvent, ...]
     status: Status
     names: tuple[str, ...] = ()
+    lower: Array | None = None
+    upper: Array | None = None
 
     def __repr__(self) -> str:
         names, n_switches = ", ".join(self._names), len(self._switches)
@@ -208,13 +215,26 @@ class Trajectory:
         Returns
         -------
         pandas.DataFrame of n_times rows
-            Indexed by the times, with a column for each state and the column ``mode``.
+            Indexed by the times, with a column for each state, the column ``mode``, and, where
+            there is a band, ``x_lower`` and ``x_upper`` of each state ``x``.
         """
         columns = dict(zip(self._names, self.x.T, strict=True))
-        return frame_of(self.t, columns, {"mode": self.modes})
+        return frame_of(self.t, columns, {"mode": self.modes, **self.ends_of_band})
+
+    @property
+    def ends_of_band(self) -> dict[str, Array]:
+        """Lower and upper end of each state by name, empty where there is no band."""
+        if self.lower is None or self.upper is None:
+            return {}
+        ends = zip(self._names, self.lower.T, self.upper.T, strict=True)
+        return {
+            f"{name}_{end}": values
+            for name, *both in ends
+            for end, values in zip(("lower", "upper"), both, strict=True)
+        }
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the states over time; thin lines stand where the mode switches.
+        """Draw the states over time, and their band; thin lines stand where the mode switches.
 
         Parameters
         ----------
@@ -225,7 +245,8 @@ class Trajectory:
         -------
         matplotlib.axes.Axes
         """
-        return draw_series(ax, [(self.t, self.x)], self._names, self._switches)
+        bands = [] if self.lower is None or self.upper is None else [(self.lower, self.upper)]
+        return draw_series(ax, [(self.t, self.x)], self._names, self._switches, bands)
 
     @property
     def _names(self) -> list[str]:

@@ -263,6 +263,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         if total is not None:
             sure = total.sure(found, sure)
         self._store(found, search, origin, pieces, sure)
+        self.estimator_.covariance_ = sure.covariance
         if total is not None:
             self._store_all(total)
         return self
@@ -279,9 +280,27 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         """Roll the identified system out; as `SwitchingSystemRegressor.simulate`.
 
         Inputs keep their value until the next sample if all of them did so in `fit`; else they are
-        linear between their samples.
+        linear between their samples. ``n_draws`` asks for a band by `covariance_`.
         """
         return self._fitted.simulate(x0, t, inputs, **self._with_hold(options))
+
+    @property
+    def coef_(self):
+        """Laws of the modes, those of `estimator_`."""
+        return self._fitted.coef_
+
+    @property
+    def covariance_(self):
+        """Of all coefficients, as `estimator_` has it; those on a bound stay there."""
+        return self._fitted.covariance_
+
+    def equations(self, precision=3, format="text"):
+        """The law of every mode; as `SwitchingSystemRegressor.equations`."""
+        return self._fitted.equations(precision, format)
+
+    def surface_equations(self, precision=3, format="text"):
+        """The surfaces and the modes beside them; as `equations`."""
+        return self._fitted.surface_equations(precision, format)
 
     def to_hybrid_system(self):
         """Laws and surfaces as formulas; as `SwitchingSystemRegressor.to_hybrid_system`."""

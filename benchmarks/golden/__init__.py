@@ -9,6 +9,7 @@ at, and measured sets; out comes a table, a line a kind, and every record that g
 
 Freezing takes about an hour of CPU time, comparing with the engine of that day the same; what costs
 most is left out, as each file says. A record that is not frozen is told as new and not judged.
+Automata in noise are frozen since 62c7c56, as they were found then, wrong ones too.
 
 - `record.py`: what is kept of an answer, estimates with their standard errors above all.
 - `recordings.py`, `automata.py`, `regressor.py`, `searches.py`, `measured.py`, `models.py`: the

@@ -45,6 +45,8 @@ def searched(name: str) -> ByDefault:
     errors = [model["held_out"][0] for model in search.report_["errors"]]
     found = ", ".join(f"{effect.kind} of {effect.place}" for effect in search.effects_)
     verdict = verdict_of([effect.kind for effect in search.effects_], right)
+    if search.effects_ and search.effects_[0].doubts:
+        found, verdict = f"no name, nearest {found}", f"{verdict}, unsure"
     error = float(errors[0]), float(errors[-1])
     return ByDefault(name, lacks, "search", found or "nothing", verdict, *error, hand, seconds)
 

@@ -127,7 +127,8 @@ class ByDefault:
         Name of the set, what its README says that the declared law lacks, and what was called.
     found, verdict : str
         Kinds and places of the effects, or the modes; "right" where all of them are lacking,
-        "partly" where the first one is, "wrong" where it is not, or "nothing".
+        "partly" where the first one is, "wrong" where it is not, or "nothing"; "unsure" where the
+        first line of the report gives no name.
     before, after : float
         Errors of the declared law and of that with the effects on what was held out.
     hand : str

@@ -2,7 +2,8 @@
 "use strict";
 const PYODIDE = "https://cdn.jsdelivr.net/pyodide/v314.0.7/full/";
 // what an identification imports; the solvers of convex programs are for other work
-const PACKAGES = ["numpy", "scipy", "scikit-learn", "pandas", "tqdm", "joblib", "matplotlib"];
+const PACKAGES = ["numpy", "scipy", "scikit-learn", "pandas", "tqdm", "joblib", "cloudpickle",
+  "matplotlib"];
 let python;
 
 const start = async ({ pyodide }) => {

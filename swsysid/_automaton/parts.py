@@ -6,14 +6,19 @@ That is also the mode in which a rollout starts.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
-from swsysid._automaton.transitions import Transition, check_transition
+from swsysid._automaton.transitions import (
+    AffineReset,
+    Transition,
+    check_transition,
+    guard_of,
+)
 from swsysid._checks.parameters import flag, whole
 from swsysid._data.coordinates import Extent
 from swsysid._data.features import FeatureMap
@@ -111,6 +116,37 @@ class AutomatonParts:
     def input_names(self) -> list[str]:
         """Names of the inputs."""
         return _without_row(self.feature_map.names_in[self.n_lagged :][: self.n_inputs])
+
+    @property
+    def parameters(self) -> Array:
+        """Coefficients of the laws, then of guard and reset of each transition.
+
+        Those of a guard are those of its conditions, those of a reset offset and matrix row by row.
+        """
+        parts = [self.coef]
+        for one in self.transitions:
+            parts += [condition.coef for condition in one.guard.conditions]
+            if one.reset is not None:
+                parts.append(np.column_stack([one.reset.offset, one.reset.matrix]))
+        return np.concatenate([np.ravel(part) for part in parts])
+
+    def with_parameters(self, parameters: Array) -> Self:
+        """The same automaton with other coefficients."""
+        coef, rest = np.split(parameters, [self.coef.size])
+        transitions = []
+        for one in self.transitions:
+            conditions, reset = [], one.reset
+            for condition in one.guard.conditions:
+                own, rest = np.split(rest, [len(condition.coef)])
+                conditions.append(replace(condition, coef=own))
+            if reset is not None:
+                n_rows = len(reset.offset)
+                own, rest = np.split(rest, [n_rows * (n_rows + 1)])
+                maps = own.reshape(n_rows, -1)
+                reset = AffineReset(maps[:, 1:], maps[:, 0])
+            transitions.append(replace(one, guard=guard_of(conditions), reset=reset))
+        coef = coef.reshape(self.coef.shape)
+        return replace(self, coef=coef, transitions=tuple(transitions))
 
     @property
     def guard_columns(self) -> list[str]:

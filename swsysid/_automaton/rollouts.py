@@ -17,6 +17,7 @@ from swsysid._automaton.transitions import AffineReset, Transition
 from swsysid._checks.arrays import state, table
 from swsysid._checks.parameters import whole
 from swsysid._results import Array, Status, SwitchEvent, Trajectory
+from swsysid._simulation.bands import with_band
 from swsysid._simulation.events import History
 from swsysid._simulation.inputs import Options, checked_options, checked_request, stretches
 from swsysid._simulation.system import GuardedLaws
@@ -50,6 +51,28 @@ def roll_out(
         pieces = list(stretches(times, samples, input_hold))
         done = follow(PlainAutomaton(automaton, begin), newest, times, pieces, checked)
     return replace(done, names=tuple(automaton.state_names))
+
+
+def band_of(
+    automaton: AutomatonParts,
+    covariance: Array | None,
+    x0: ArrayLike,
+    t: ArrayLike,
+    inputs: ArrayLike | None,
+    mode: int | None,
+    options: Mapping[str, object],
+) -> Trajectory:
+    """A rollout with its band, if options ask for one; all begin in the mode of the first."""
+    begins = mode
+
+    def rolled(drawn: AutomatonParts, asked: dict[str, object]) -> Trajectory:
+        nonlocal begins
+        hold = str(asked.pop("input_hold", "zero"))
+        done = roll_out(drawn, x0, t, inputs, begins, hold, asked)
+        begins = int(done.modes[0]) if len(done.modes) else begins
+        return done
+
+    return with_band(automaton, covariance, options, rolled)
 
 
 def _first_rows(automaton: AutomatonParts, x0: ArrayLike) -> Array:

@@ -120,7 +120,7 @@ class Cutting:
                 return self._of(self._with_modes(self.estimator.n_modes))
             search = self.first.search
             found, self.candidates = fewest_modes(
-                self._with_modes, self._merged, search.counts, search.leaves_noise
+                self._with_modes, self._merged, search.counts, search.base.noise
             )
             return self._of(found)
 

@@ -22,7 +22,7 @@ from swsysid._automaton_search.joint import Joint
 from swsysid._data.coordinates import shifted_monomials
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
-from swsysid._stays.certainty import errors_of
+from swsysid._stays.certainty import slopes_of
 from swsysid._stays.given import Given
 from swsysid._stays.origin import Origin
 
@@ -57,38 +57,36 @@ def automaton_from(
     )
 
 
-def errors_from(
+def slopes_from(
     origin: Origin, joint: Joint, features: FeatureMap
 ) -> tuple[Array, list[Array | None], Array]:
-    """Standard errors of laws, of the guard of each transition, and of resets.
+    """Derivatives of laws, of the guard of each transition, and of resets by the unknowns.
 
-    They are those of the user's own columns, zero where a coefficient is fixed. Resets have the
-    shape (n_transitions, n_states, 1 + n_states): of the offset, then of the matrix.
+    Those of the user's own columns, (n_unknowns, ...). Resets have then the shape (n_transitions,
+    n_states, 1 + n_states): of the offset, then of the matrix.
     """
     estimate = joint.after
     laws, guards, resets = estimate.laws, estimate.guards, estimate.resets
+    n_states, change = resets.maps.shape[1], origin.change(features)
+    of_offset = np.eye(1 + n_states)
+    of_offset[1:, 0] = -origin.offset[:n_states]
+    own_laws = slopes_of(laws.coef.shape, laws.places, change)
+    own_resets = slopes_of(resets.maps.shape, resets.places, of_offset)
     ends = np.cumsum([laws.n_free, guards.n_free, resets.n_free])
-    of_laws, of_guards, of_resets = (
-        joint.covariance[first:last, first:last]
-        for first, last in zip([0, *ends[:-1]], ends, strict=True)
-    )
-    coef = errors_of(laws.coef.shape, laws.places, of_laws, origin.change(features))
+    by_laws, by_guards, by_resets = np.split(np.eye(ends[-1]), ends[:-1])
+    of_laws = np.tensordot(by_laws.T, own_laws, 1)
+    of_resets = np.tensordot(by_resets.T, own_resets, 1)
     every: list[Array | None] = [None] * len(guards.which)
     of_each = guards.own_places()
     for transition in np.flatnonzero(guards.which >= 0).tolist():
         number = int(guards.which[transition])
-        guard, place = guards.guard(transition), of_each[number]
+        guard = guards.guard(transition)
         assert guard is not None, "it has a guard"
         _, moved = _moved_guard(guard, origin)
-        change = np.zeros((guards.coef.shape[1], moved.shape[1]))
-        change[guards.own[number]] = moved
-        places = np.nonzero(guards.free[number][None, None])
-        every[transition] = errors_of((1, 1), places, of_guards[np.ix_(place, place)], change)[0, 0]
-    n_states = resets.maps.shape[1]
-    of_offset = np.eye(1 + n_states)
-    of_offset[1:, 0] = -origin.offset[:n_states]
-    maps = errors_of(resets.maps.shape, resets.places, of_resets, of_offset)
-    return coef, every, maps
+        own = np.zeros((guards.coef.shape[1], moved.shape[1]))
+        own[guards.own[number]] = guards.signs[transition] * moved
+        every[transition] = by_guards[of_each[number]].T @ own[guards.free[number]]
+    return of_laws, every, of_resets
 
 
 def errors_elsewhere(

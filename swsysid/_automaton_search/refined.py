@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_search.assembly import Assembled, assembled
 from swsysid._automaton_search.cutting import by_samples
-from swsysid._automaton_search.elsewhere import errors_from
+from swsysid._automaton_search.elsewhere import slopes_from
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import missed_by
 from swsysid._automaton_search.instants import Settled
@@ -25,6 +25,7 @@ from swsysid._automaton_search.transition_guards import TransitionGuards
 from swsysid._data.recordings import Record
 from swsysid._journal import step
 from swsysid._results import Array
+from swsysid._stays.certainty import propagated
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.nodes import Nodes
@@ -93,19 +94,35 @@ def _judged_by_rollouts(told: Told, free: FreeRollouts, joint: Joint, interval: 
 
 def _errors(
     joint: Joint, after: Assembled, found: list[Settled], origin: Origin
-) -> tuple[Array, tuple[Array, ...], tuple[Array | None, ...]]:
-    """Standard errors in the order of the automaton's modes and transitions."""
-    coef, of_guards, of_resets = errors_from(origin, joint, after.automaton.feature_map)
+) -> tuple[Array, tuple[Array, ...], tuple[Array | None, ...], Array]:
+    """Standard errors in the order of the automaton's modes and transitions, and the covariance.
+
+    Further conditions of a guard, which are not refined, have errors of their own and no share in
+    the covariance.
+    """
+    automaton, order = after.automaton, after.order
+    laws, of_guards, of_resets = slopes_from(origin, joint, automaton.feature_map)
     places = {(one.transition.source, one.transition.target): k for k, one in enumerate(found)}
-    guards, resets, order = [], [], after.order
-    for one in after.automaton.transitions:
+    parts, further = [laws[:, order]], [np.zeros(0)]
+    for one in automaton.transitions:
         place = places[int(order[one.source]), int(order[one.target])]
-        guard = of_guards[place]
-        own = found[place].guard
-        assert guard is not None and own is not None, "a transition of the automaton has a guard"
-        guards.append(np.concatenate([guard, *(part.errors for part in own.also)]))
-        resets.append(None if one.reset is None else of_resets[place])
-    return coef[order], tuple(guards), tuple(resets)
+        slopes, own = of_guards[place], found[place].guard
+        assert slopes is not None and own is not None, "a transition of the automaton has a guard"
+        also = np.concatenate([np.zeros(0), *(part.errors for part in own.also)])
+        further.append(np.append(np.zeros(slopes.shape[1]), also))
+        parts.append(np.hstack([slopes, np.zeros((len(slopes), len(also)))]))
+        if one.reset is not None:
+            parts.append(of_resets[:, place])
+    covariance = propagated(
+        np.hstack([part.reshape(len(part), -1) for part in parts]), joint.covariance
+    )
+    ends = np.cumsum([part[0].size for part in parts])[:-1]
+    coef, *others = np.split(np.sqrt(np.clip(np.diag(covariance), 0.0, np.inf)), ends)
+    guards, resets = [], []
+    for one, also in zip(automaton.transitions, further[1:], strict=True):
+        guards.append(others.pop(0) + also)
+        resets.append(None if one.reset is None else others.pop(0).reshape(parts[0].shape[2], -1))
+    return coef.reshape(parts[0].shape[1:]), tuple(guards), tuple(resets), covariance
 
 
 def joint_estimate(

@@ -33,6 +33,9 @@ class AutomatonRefinement:
         Of the coefficients of the guard of each transition; the one that sets its scale has none.
     reset_standard_errors : tuple of ndarray or None
         Of offset and matrix of the reset of each transition, (n_states, 1 + n_states).
+    covariance : ndarray of shape (n_parameters, n_parameters) or None
+        Of all of these, in the order of `HybridAutomaton.parameters`; infinite on the diagonal
+        where nothing tells. None in files of versions that did not keep it.
     """
 
     kept: bool
@@ -43,6 +46,7 @@ class AutomatonRefinement:
     coef_standard_errors: Array
     guard_standard_errors: tuple[Array, ...]
     reset_standard_errors: tuple[Array | None, ...]
+    covariance: Array | None = None
 
     @property
     def standard_errors(

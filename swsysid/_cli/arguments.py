@@ -139,6 +139,11 @@ def _add_recording(add: Callable) -> None:
         "(default: as the recordings say)",
     )
     add(
+        "--fmu-input",
+        metavar="FILE",
+        help="file of any format with the --inputs by which an .fmu is driven",
+    )
+    add(
         "--time",
         metavar="NAME",
         help="column of the times: numbers, or dates and clock times (default: t, time or "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -15,13 +16,14 @@ from sklearn.base import BaseEstimator
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._checks.estimators import column_names
+from swsysid._cli.automaton import own_warnings
 from swsysid._pipelines import switching_step
 from swsysid._rendering.printing import counted
 from swsysid._results import Array, Trajectory
 from swsysid._saving.files import Recording, load_model
-from swsysid._tables.readers import read_table
-from swsysid._tables.several import usual_clock
-from swsysid._tables.table import Table, TableError
+from swsysid._tables.several import Joined, joined, read_files, runs_among, usual_clock
+from swsysid._tables.table import TableError
+from swsysid._tables.together import together
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid._whole_or_nothing import write_text
 from swsysid.exporting import ToOtherTools
@@ -74,16 +76,21 @@ def simulate(arguments: argparse.Namespace) -> str:
     else:
         if arguments.until or arguments.step:
             raise TableError("the times are those of --input; leave out --until and --step.")
-        t, inputs = _inputs(read_table(arguments.input), arguments.time, wanted)
+        t, inputs = _inputs(arguments.input, arguments.time, wanted, arguments.hold)
         if (np.diff(t) <= 0.0).any():
             raise TableError(f"{arguments.input} goes back in time: give the rows of one run.")
         if arguments.hold is not None:
             options["input_hold"] = arguments.hold
+    if arguments.draws is not None:
+        options |= {"n_draws": arguments.draws, "random_state": 0}
     rollout: Callable[..., Trajectory] = model.simulate
-    done = rollout(x0, t, inputs, **options)
-    _write(arguments.output, ["t", *states, "mode"], [done.t, *done.x.T, done.modes])
+    with own_warnings() as notes:
+        done = replace(rollout(x0, t, inputs, **options), names=tuple(states))
+    ends, columns = done.ends_of_band, [done.t, *done.x.T, done.modes]
+    _write(arguments.output, ["t", *states, "mode", *ends], [*columns, *ends.values()])
     told = [f"{len(done.t)} rows, {len(done.events)} events: {arguments.output}"]
-    return "\n".join([*told, *([] if done.status.ok else [done.status.advice])])
+    told += [] if done.status.ok else [done.status.advice]
+    return "\n".join([*told, *(f"note: {note}" for note in notes)])
 
 
 def predict(arguments: argparse.Namespace) -> str:
@@ -96,8 +103,15 @@ def predict(arguments: argparse.Namespace) -> str:
             f"{arguments.model} holds a {type(model).__name__}, whose modes depend on what was "
             "before: use simulate."
         )
-    table, names = read_table(arguments.file), _names(model)
-    rows, known = table.numbers(names), vars(model).get("feature_names_in_")
+    names, files = _names(model), read_files(arguments.file)
+    clocked = any(len(run) > 1 for run in runs_among(files, names))
+    rows = together(files, names, None, None, clocked).table.numbers(names)
+    if missing := int(np.isnan(rows).any(axis=1).sum()):
+        raise TableError(
+            f"{missing} of {counted(len(rows), 'row')} of {arguments.file} lack a value of "
+            f"{', '.join(names)}; a velocity needs all of them at one instant."
+        )
+    known = vars(vars(model).get("estimator_", model)).get("feature_names_in_")
     X = rows if known is None else DataFrame(rows, columns=known)
     velocity = np.asarray(model.predict(X))
     velocity = velocity.reshape(len(X), -1)
@@ -142,7 +156,34 @@ def show(arguments: argparse.Namespace) -> str:
         lines = model.equations() if isinstance(model, _Tells) else []
         lines += model.surface_equations() if isinstance(model, _TellsSurfaces) else []
     source = _recording(model).source
-    return "\n".join([*([f"Identified from {source}."] if source else []), *lines])
+    drawn = [] if arguments.picture is None else [_picture(model, arguments.picture)]
+    return "\n".join([*([f"Identified from {source}."] if source else []), *lines, *drawn])
+
+
+def _picture(model: BaseEstimator | HybridAutomaton, path: str) -> str:
+    """Draw the graph of an automaton, or the modes of a model over its states, to a file."""
+    from pandas import DataFrame
+
+    from swsysid.plotting import AutomatonGraphDisplay, SwitchingSurfaceDisplay
+
+    names = _names(model)
+    if isinstance(model, HybridAutomaton | HybridAutomatonRegressor):
+        figure = AutomatonGraphDisplay.from_estimator(model).figure_
+    elif isinstance(model, TrajectoryIdentifier) and 1 < len(names) == model.states_.shape[1]:
+        states = DataFrame(model.states_, columns=names)
+        rows, laws = states.notna().all(axis=1), model.estimator_
+        told = {"modes": model.modes_[rows], "features": "auto", "names": names}
+        figure = SwitchingSurfaceDisplay.from_estimator(laws, states[rows], **told).figure_
+    else:
+        raise TableError(
+            "the file holds no samples of all columns to draw modes over; the picture of an "
+            "identification lies beside its model."
+        )
+    try:
+        figure.savefig(path, dpi=150)
+    except ValueError as error:  # of an ending that matplotlib does not know
+        raise TableError(f"{path} cannot be drawn: {str(error).splitlines()[0]}.") from None
+    return f"Picture: {path}"
 
 
 def _recording(model: BaseEstimator | HybridAutomaton) -> Recording:
@@ -171,19 +212,48 @@ def _n_states(model: object) -> int:
     return model.n_states if isinstance(model, HybridAutomaton) else len(vars(model)["coef_"][0])
 
 
-def _inputs(table: Table, time: str | None, wanted: Sequence[str]) -> tuple[Array, Array | None]:
-    """Times and inputs of a file: columns by the names of the model, or else in their order."""
+def _inputs(
+    path: str, time: str | None, wanted: Sequence[str], hold: str | None
+) -> tuple[Array, Array | None]:
+    """Times and inputs of one run: columns by the names of the model, or else in their order."""
+    files = read_files(path)
+    [table, *more] = [table for tables in files for table in tables]
     clock = time or usual_clock(table)
     if clock is None:
         raise TableError(
             f"{table.source} has no column t or time; name the time with --time. Its columns are: "
             f"{table.listing()}."
         )
-    others = [name for name in table.columns if name != table.resolve(clock)]
-    if not set(wanted) <= set(table.columns) and len(others) == len(wanted):
+    if not wanted:
+        return table.numbers([clock])[:, 0], None
+    others = [name for name in table.columns if name != table.find(clock)]
+    if not more and len(others) == len(wanted) and any(table.find(one) is None for one in wanted):
         wanted = others
-    t = table.numbers([clock])[:, 0]
-    return t, table.numbers(wanted) if wanted else None
+    [run, *further] = runs_among(files, wanted)
+    if further:
+        raise TableError(f"{path} holds {1 + len(further)} runs; give the rows of one run.")
+    return _on_one_clock(joined(0, run, wanted, time), path, hold)
+
+
+def _on_one_clock(run: Joined, path: str, hold: str | None) -> tuple[Array, Array]:
+    """Inputs at all times at which one of them has a sample and each has begun and not ended."""
+    inputs = np.column_stack(list(run.columns.values()))
+    if run.one_clock:
+        return run.t, inputs
+    if hold is None:
+        raise TableError(
+            f"the inputs of {path} have clocks of their own; say what they do between their "
+            "samples: --hold zero or --hold linear."
+        )
+    known = [np.flatnonzero(np.isfinite(column)) for column in inputs.T]
+    t = run.t[max(own[0] for own in known) : min(own[-1] for own in known) + 1]
+    between = [
+        np.interp(t, run.t[own], column[own])
+        if hold == "linear"
+        else column[own[np.searchsorted(run.t[own], t, side="right") - 1]]
+        for own, column in zip(known, inputs.T, strict=True)
+    ]
+    return t, np.column_stack(between)
 
 
 def _write(path: str, names: Sequence[str], columns: Sequence[NDArray]) -> None:

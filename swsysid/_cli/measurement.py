@@ -33,6 +33,7 @@ class Measurement:
     time_unit: str | None = None  # of the column of the times; None: by its name or its steps
     # Inputs that keep their value between their rows; None: as they say themselves.
     hold: tuple[str, ...] | None = None
+    fmu_input: str | None = None  # file of the inputs by which a functional mock-up unit is driven
     keep_spikes: bool = False  # use cells that look like no measurement all the same
 
     @property
@@ -65,7 +66,7 @@ def read_measured(
     from swsysid._tables.several import read_files, recording_files, usual_clock
     from swsysid._tables.together import together
 
-    files = read_files(paths, units, missing)
+    files = read_files(paths, units, missing, what.fmu_input, what.inputs)
     tables = [table for each in files for table in each]
     if not what.states and not what.quantity:
         listed = dict.fromkeys(column for table in tables for column in table.columns)

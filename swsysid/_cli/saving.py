@@ -57,7 +57,8 @@ def save(
             drawn += _write_search(search, samples, recording, draft, beside)
         return drawn
 
-    return _save(result.model, recording, text, folder, page, write)
+    model = result.model if result.found is None else result.found.identifier
+    return _save(model, recording, text, folder, page, write)
 
 
 def save_diagnosis(

@@ -19,8 +19,9 @@ from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.contributions import beside_conventions, parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recording import Measured
+from swsysid._effect_search.words import NO_NAME
 from swsysid._noise import memory
-from swsysid._output_error.criterion import Left, as_good, fall, go_astray
+from swsysid._output_error.criterion import Left, go_astray
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
@@ -163,9 +164,8 @@ class RecordedOutcome:
         """What free rollouts leave of the stretches that took part in no choice."""
         return Left(self.search.engine.left_of(fit, self.held_out), self.held_out.series)
 
-    @cached_property
-    def effects(self) -> list[FoundEffect]:
-        """The effects with numbers, intervals and rivals."""
+    def effects(self, noise: Sequence[float]) -> list[FoundEffect]:
+        """The effects with numbers, intervals and rivals, where errors have a noise beneath."""
         records = self.search.stretches.seen
         joint, found = self.joint_fit(self.final), []
         intervals = parameter_intervals(joint, self.covariances, records)
@@ -173,6 +173,8 @@ class RecordedOutcome:
             label, parameters = term.label(records.names), term.physical(records, joint.coef[place])
             (_, before), (_, after) = self.errors[place : place + 2]
             worst = int(np.argmin(after / np.maximum(before, np.finfo(float).tiny)))
+            left = self.errors[-1][1][worst] ** 2 - noise[worst] ** 2
+            is_minor = bool(before[worst] ** 2 - after[worst] ** 2 < left)
             found.append(
                 FoundEffect(
                     kind=term.effect.kind,
@@ -184,26 +186,30 @@ class RecordedOutcome:
                     p_value=finding.p_value,
                     error_before=float(before[worst]),
                     error_after=float(after[worst]),
-                    rivals=tuple(self._rivals(place, finding, worst)),
-                    meaning=term.effect.describe(label, records.names[term.target]),
+                    rivals=tuple(self._rivals(place, finding, worst, is_minor)),
+                    meaning=term.effect.describe(label, records.equations[term.target]),
                     formula=term.effect.formula(label, parameters),
                     placed=term,
+                    doubts=(NO_NAME,) if is_minor else (),
                 )
             )
         return found
 
-    def _rivals(self, place: int, finding: Finding, state: int) -> Iterator[Rival]:
-        """What would have done as well, on the stretches that took part in no choice, too."""
-        engine, significance = self.search.engine, self.search.significance
-        found = self.models[place + 1]
-        best, by_itself = engine.left_over(found, self.held_out), self._by_itself(found)
-        names, noise = self.search.stretches.seen.names, self.models[place].noise
-        for rival in finding.rivals:
-            law = self.models[place].law.beside([rival])
-            other = engine.fitted(law, self.search.stretches, noise=noise)
-            lost = fall(engine.left_over(other, self.held_out), best)
-            astray = go_astray(by_itself, self._by_itself(other), significance)
-            if astray or not as_good(lost, significance):
+    def _rivals(self, place: int, finding: Finding, state: int, is_minor: bool) -> Iterator[Rival]:
+        """What would have done as well by free rollouts of what took part in no choice, too.
+
+        Beside what explains less than is left, that is all that explains at least half as much.
+        """
+        law, noise = self.models[place].law, self.models[place].noise
+        names, best = self.search.stretches.seen.names, self._by_itself(self.models[place + 1])
+        most = np.sqrt(np.mean([one[1][state] ** 2 for one in self.errors[place : place + 2]]))
+        for rival in finding.behind if is_minor else finding.rivals:
+            other = self.search.engine.fitted(
+                law.beside([rival]), self.search.stretches, noise=noise
+            )
+            error = float(self.left_of(other, self.held_out)[state])
+            own = self._by_itself(other)
+            if error > most if is_minor else go_astray(best, own, self.search.significance):
                 continue
             parameters = rival.effect.theta_names(self.search.stretches.seen, rival.place)
             yield Rival(
@@ -212,7 +218,7 @@ class RecordedOutcome:
                 mode=None,
                 place=rival.label(names),
                 parameters=dict(zip(parameters, rival.theta, strict=True)),
-                error=float(self.left_of(other, self.held_out)[state]),
+                error=error,
                 advice="a record in which the two would move the plant differently",
             )
 

@@ -11,7 +11,7 @@ from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contents import EffectData
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.report import EffectReport, in_words, leftover
-from swsysid._effect_search.words import named
+from swsysid._effect_search.words import named, noise_floor
 
 
 def recorded_report(
@@ -24,10 +24,11 @@ def recorded_report(
     measured, split = outcome.measured, outcome.split.of(outcome.measured.rows)
     records, targets = outcome.search.stretches.seen, measured.targets
     seen = replace(measured.records, held=records.held)
-    names, effects = trajectory_names, outcome.effects
+    names, terms = trajectory_names, outcome.models[-1].law.terms
     leftovers = [leftover(fit, seen, targets, split, names) for fit in outcome.joint_fits[1:3]]
-    models_in_words = ["declared model", *(f"+ {named(one.kind, one.place)}" for one in effects)]
-    return EffectReport(
+    added = (f"+ {named(one.effect.kind, one.label(records.names))}" for one in terms)
+    models_in_words = ["declared model", *added]
+    report = EffectReport(
         targets=records.equations,
         held_out=split.how,
         n_search=len(outcome.search.stretches.rows),
@@ -37,7 +38,6 @@ def recorded_report(
             {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
             for model, (inside, outside) in zip(models_in_words, outcome.errors, strict=True)
         ],
-        effects=tuple(effects),
         skipped=outcome.search.skipped,
         residual_before=leftovers[0],
         residual_after=leftovers[1],
@@ -77,3 +77,5 @@ def recorded_report(
             noise=None if measured.noise is None else measured.noise.states,
         ),
     )
+    noise = [noise_floor(report, state) for state in range(len(report.targets))]
+    return replace(report, effects=tuple(outcome.effects(noise)))

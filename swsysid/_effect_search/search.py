@@ -275,9 +275,10 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         found = searched_recordings(plain, measured, parts, *asked, *limits)
         declared, *ends, final = found.joint_fits
         self.declared_estimator_ = self._handed_over(declared, measured)
-        self.best_estimator_, self.effects_ = self._handed_over(final, measured), found.effects
+        self.best_estimator_ = self._handed_over(final, measured)
         models = [*(self._regressor(one, measured.records) for one in ends), self.best_estimator_]
         self.report_ = recorded_report(found, models, self._trajectory_names, self._alarms)
+        self.effects_ = [*self.report_.effects]
         return final
 
     def _between_switches(

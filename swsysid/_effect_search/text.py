@@ -10,6 +10,7 @@ from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.words import (
+    NO_NAME,
     Units,
     aside,
     briefly,
@@ -21,8 +22,11 @@ from swsysid._effect_search.words import (
     judged,
     judged_unit,
     judged_with_unit,
+    largest_fall,
     law_of,
+    nearest,
     probability,
+    rate_of,
     when,
 )
 from swsysid._noise import root_mean_square
@@ -38,7 +42,6 @@ _FORMULAS = 3  # lines of a terminal
 NOT_LOOKED_FOR = "Not looked for"
 SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
 NOT_KEPT = "Significant but not kept, since what is untouched is not clearly better predicted"
-_LEAST = float(np.finfo(float).tiny)
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 
@@ -54,13 +57,14 @@ def _outcome(report: EffectContents, units: Units) -> str:
         return f"Nothing was searched: the record is too short to hold any of it out. {enough}"
     if not report.effects:
         return _nothing_found(report)
-    others = len(report.effects) - 1
+    first, others = report.effects[0], len(report.effects) - 1
     more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
-    name = effect_title(report.effects[0], report)
-    weak = ", weak evidence" if report.effects[0].doubts else ""
-    name += when(report.effects[0])
-    name = f"{name[:1].upper()}{name[1:]}, {probability(report.effects[0].p_value)}{weak}{more}"
-    return f"{name}: {_fall(report, 'with them' if others else 'with it', units)}."
+    if NO_NAME in first.doubts:
+        return nearest(report, units)
+    weak = ", weak evidence" if first.doubts else ""
+    name = f"{effect_title(first, report)}{when(first)}, {probability(first.p_value)}{weak}{more}"
+    fall = _fall(report, "with them" if others else "with it", units)
+    return f"{name[:1].upper()}{name[1:]}: {fall}."
 
 
 def _nothing_found(report: EffectContents) -> str:
@@ -89,19 +93,19 @@ def _fall(report: EffectContents, with_them: str, units: Units) -> str:
     usual = report.data.usual_errors if has_others and report.data is not None else every
     lead, unsure = f"{with_them} the held-out error of", " or whose mode is not sure"
     which = f"without the rows set aside{'' if _modes_are_sure(report) else unsure}"
-    (target, fall), (other, usual_fall) = (_largest_fall(report, *one) for one in (every, usual))
+    (target, fall), (other, usual_fall) = (largest_fall(report, *one) for one in (every, usual))
     if max(fall, usual_fall) < REPORT.worth_telling:
         return _lowers_nothing(report)
     if fall < REPORT.worth_telling:
         return (
-            f"{lead} {_rate_of(report, other)}, {which}, is {_instead(usual, other)}; that of all "
+            f"{lead} {rate_of(report, other)}, {which}, is {_instead(usual, other)}; that of all "
             "rows is no lower"
         )
     hidden = other == target and fall < _HIDDEN * usual_fall
     without = f", and {_instead(usual, target)} {which}" if hidden else ""
     instead = _instead(every, target, judged_unit(report, target, units))
     share = "" if hidden else explained(report, target)
-    return f"{lead} {_rate_of(report, target)} is {instead}{without}{share}"
+    return f"{lead} {rate_of(report, target)} is {instead}{without}{share}"
 
 
 def _instead(errors: Sequence[Array], state: int, unit: str = "") -> str:
@@ -112,20 +116,6 @@ def _instead(errors: Sequence[Array], state: int, unit: str = "") -> str:
 
 def _modes_are_sure(report: EffectContents) -> bool:
     return report.data is None or bool(report.data.mode_known.all())
-
-
-def _rate_of(report: EffectContents, state: int) -> str:
-    name = report.targets[state]
-    return f"free rollouts of {name}" if report.of_rollouts else law_of(name, report)
-
-
-def _largest_fall(report: EffectContents, before: Array, after: Array) -> tuple[int, float]:
-    """The state whose error falls by the largest share, and that share."""
-    # an equation that is exact, such as q' = v, has no error that could be lowered
-    exact = np.array([name in report.exact for name in report.targets])
-    falls = np.where(exact, -np.inf, 1.0 - after / np.maximum(before, _LEAST))
-    best = int(np.argmax(falls))
-    return best, float(falls[best])
 
 
 def _lowers_nothing(report: EffectContents) -> str:

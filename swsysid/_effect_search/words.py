@@ -10,11 +10,15 @@ from swsysid._displays.style import unit_of
 from swsysid._effect_search.contents import EffectContents, RowsSetAside
 from swsysid._effect_search.settings import REPORT
 from swsysid._rendering.printing import between
+from swsysid._results import Array
 from swsysid.effects import FoundEffect, Rival
 from swsysid.effects._base import NOWHERE
 
+# the doubt about what explains less of an error than the effects together leave above the noise
+NO_NAME = "more of the error is left than it explains: it may stand for what has no name here"
 _SMALLEST_P_VALUE = 1e-16  # smaller ones are rounding
 _NOISE_ALONE = 1.3  # times the noise floor, which is known to a tenth or two: no more
+_LEAST = float(np.finfo(float).tiny)
 _SMALLEST_ERROR = 1e-12  # of the declared model's: sums of some terms have no more digits
 
 Units = Mapping[str, str] | None
@@ -59,7 +63,7 @@ def explained(report: EffectContents, state: int) -> str:
     """The share of what is no noise that the effects explain, and what remains of that."""
     noise = noise_floor(report, state)
     before, after = (report.errors[place]["held_out"][state] for place in (0, -1))
-    if noise is None or before <= noise:
+    if not before > noise:
         return ""
     share = (before**2 - max(after, noise) ** 2) / (before**2 - noise**2)
     told = f". Of the squared error above the noise {percent(share)} is explained"
@@ -69,14 +73,15 @@ def explained(report: EffectContents, state: int) -> str:
     return told if is_free else f"{told}, and {after / noise:.2g} times the noise is left"
 
 
-def noise_floor(report: EffectContents, state: int) -> float | None:
-    """Of what the errors are of, as far as it is known."""
+def noise_floor(report: EffectContents, state: int) -> float:
+    """Of what the errors are of, NaN where it is not known."""
     if report.of_rollouts:
         noise = None if report.data is None else report.data.noise
-        return None if noise is None else float(noise[state])
+        return np.nan if noise is None else float(noise[state])
     left = report.residual_before
-    sizes = [] if left is None else [one for one in left.size if one.mode is None]
-    return sizes[state].noise_floor if len(sizes) == len(report.targets) else None
+    floors = [] if left is None else [one.noise_floor for one in left.size if one.mode is None]
+    floor = floors[state] if len(floors) == len(report.targets) else None
+    return np.nan if floor is None else floor
 
 
 def judged_unit(report: EffectContents, state: int, units: Units) -> str:
@@ -95,6 +100,41 @@ def judged_with_unit(report: EffectContents, state: int, units: Units) -> str:
     """The same with its unit, where that is known."""
     name, unit = judged(report, report.targets[state]), judged_unit(report, state, units)
     return f"{name} [{unit}]" if unit else name
+
+
+def nearest(report: EffectContents, units: Units) -> str:
+    """What was tried in the place of a first effect that explains the lesser part, best first."""
+    first, others = report.effects[0], len(report.effects) - 1
+    errors = [np.array(one["held_out"]) for one in report.errors]
+    state, _ = largest_fall(report, *errors[:2])
+    unit = judged_unit(report, state, units)
+    own = f"{named(first.kind, first.place)}{when(first)}"
+    told = {own: f" (in the model, {probability(first.p_value)})"}
+    tried = [(first.error_after, own)]
+    tried += [(one.error, named(one.kind, one.place)) for one in first.rivals]
+    near = [f"{name} {size:.4g}{told.get(name, '')}" for size, name in sorted(tried)]
+    more = f"; with {others} more in the model {errors[-1][state]:.4g}" if others else ""
+    return (
+        f"{law_of(report.targets[first.target], report)} lacks something that these data do not "
+        f"name. Nearest, by the held-out error of {rate_of(report, state)}, which is "
+        f"{first.error_before:.4g}{unit and f' {unit}'} without: {', '.join(near)}{more}"
+        f"{explained(report, state)}."
+    )
+
+
+def rate_of(report: EffectContents, state: int) -> str:
+    """What held-out errors are of: a free rollout, or what a law gives."""
+    name = report.targets[state]
+    return f"free rollouts of {name}" if report.of_rollouts else law_of(name, report)
+
+
+def largest_fall(report: EffectContents, before: Array, after: Array) -> tuple[int, float]:
+    """The state whose error falls by the largest share, and that share."""
+    # an equation that is exact, such as q' = v, has no error that could be lowered
+    exact = np.array([name in report.exact for name in report.targets])
+    falls = np.where(exact, -np.inf, 1.0 - after / np.maximum(before, _LEAST))
+    best = int(np.argmax(falls))
+    return best, float(falls[best])
 
 
 def sentence(text: str, names: Sequence[str]) -> str:

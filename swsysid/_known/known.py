@@ -22,6 +22,8 @@ from swsysid._known.sentences import (
     Without,
 )
 
+OF_TRANSITIONS = "each transition of an automaton has a guard of its own"  # why it takes none
+
 
 @dataclass(frozen=True, repr=False)
 class Known:

@@ -191,6 +191,13 @@ def as_likely(models: Sequence[Model], count: float, significance: float) -> lis
     return [one for one, loss in zip(models, losses, strict=True) if loss <= most]
 
 
+def of_other_kinds(own: PlacedEffect, models: Sequence[Model]) -> tuple[PlacedEffect, ...]:
+    """The last effects of models, the first of each kind that is another one."""
+    last = (one.law.terms[-1] for one in reversed(models))
+    of_kinds = {one.effect.kind: one for one in last if one.effect.kind != own.effect.kind}
+    return tuple(of_kinds.values())
+
+
 @dataclass(frozen=True)
 class Engine:
     """Estimation of laws, and what they leave of stretches."""

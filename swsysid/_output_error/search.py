@@ -14,7 +14,7 @@ from numpy.linalg import LinAlgError
 from swsysid._journal import step
 from swsysid._output_error import scan
 from swsysid._output_error.criterion import Fall, Left, as_good, fall, price
-from swsysid._output_error.engines import Engine, Model, as_likely
+from swsysid._output_error.engines import Engine, Model, as_likely, of_other_kinds
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import Candidate, of_sensors, shortlist, variants
@@ -34,6 +34,7 @@ class Finding:
     candidate: PlacedEffect
     p_value: float  # of the fall on stretches that took no part in its fit, times all candidates
     rivals: tuple[PlacedEffect, ...]
+    behind: tuple[PlacedEffect, ...]  # other kinds that explain at least half as much
     n_candidates: int
 
 
@@ -201,12 +202,11 @@ class Search:
         # the other half of the evidence may come from what is held out
         if p_value > np.sqrt(self.significance):
             return None
-        rivals = {
-            one.law.terms[-1].effect.kind: one.law.terms[-1]
-            for one in reversed(level)
-            if self._as_good(one, chosen, now) and one.law.terms[-1].effect.kind != own.effect.kind
-        }
-        return chosen, Finding(own, p_value, tuple(rivals.values()), len(listed))
+        most = self.gain(now, chosen).share
+        level = [one for one in level if self._as_good(one, chosen, now)]
+        models = [one for one in models if self.gain(now, one).share >= 0.5 * most]
+        rivals, behind = (of_other_kinds(own, some) for some in (level, models))
+        return chosen, Finding(own, p_value, rivals, behind, len(listed))
 
     def _models(self, fits: Sequence[Fit]) -> Iterator[Model]:
         """The same fold by fold, of those of which every fold tells all coefficients."""

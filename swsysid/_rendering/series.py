@@ -63,14 +63,15 @@ def frame_of(t: Array, columns: Mapping[str, Array], further: Mapping[str, NDArr
 
 def draw_series(
     ax: Axes | None,
-    pieces: Iterable[tuple[Array, Array]],
+    pieces: Sequence[tuple[Array, Array]],
     names: Sequence[str],
     changes: Iterable[float],
+    bands: Iterable[tuple[Array, Array]] = (),
 ) -> Axes:
     """Draw signals over time on one axes (of a new figure if None), and return it.
 
     `pieces` (t, values), of shapes (n_times,) and (n_times, n_signals), are not joined by a line;
-    times of `changes` are marked by a thin one.
+    times of `changes` are marked by a thin one. `bands` (lower, upper) of pieces are shaded.
     """
     with canvas(ax, panel_size=(8.0, 4.0)) as (axes,):
         for time in changes:
@@ -81,6 +82,10 @@ def draw_series(
                 colour = PALETTE[column % len(PALETTE)]
                 dashes = ("-", "--", ":", "-.")[column // len(PALETTE) % 4]
                 axes.plot(t, values[:, column], dashes, color=colour, label=label)
+        for (t, _), (lower, upper) in zip(pieces, bands, strict=False):
+            for column in range(len(names)):
+                ends, colour = (lower[:, column], upper[:, column]), PALETTE[column % len(PALETTE)]
+                axes.fill_between(t, *ends, color=colour, alpha=0.2, linewidth=0)
         axes.set_xlabel("t")
         if len(names) == 1:
             axes.set_ylabel(names[0])

@@ -19,6 +19,7 @@ from swsysid._checks.parameters import one_of, real, whole
 from swsysid._data.coordinates import Extent
 from swsysid._data.records import Records
 from swsysid._results import Array
+from swsysid._simulation.bands import check_no_band
 from swsysid._simulation.system import Scales, SwitchingSystem
 from swsysid.effects import PlacedEffect
 
@@ -59,6 +60,7 @@ class Options:
 
 def checked_options(options: Mapping[str, object]) -> Options:
     """Options of a simulation; one that there is not is refused."""
+    check_no_band(options)
     usual = vars(Options())
     for name in options:
         if name not in usual:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -15,6 +16,7 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.sources import pieces
 from swsysid._rendering.printing import check_format, linear_combination, merged, rate, symbol
 from swsysid._results import Array, Trajectory
+from swsysid._simulation.bands import with_band
 from swsysid._simulation.inputs import checked_options
 from swsysid._simulation.simulate import simulate
 from swsysid._simulation.system import SwitchingSystem
@@ -42,6 +44,25 @@ class SwitchingModel(SwitchingSystem):
     feature_map: FeatureMap
     surface: Surface  # classifier of the states and inputs
     discrete_time: bool  # the targets are next states instead of velocities
+
+    @property
+    def parameters(self) -> Array:
+        """Coefficients of the laws, then those of the surfaces, in the coordinates of their fit."""
+        return np.concatenate([self.coef.ravel(), self._of_surfaces.ravel()])
+
+    def with_parameters(self, parameters: Array) -> SwitchingModel:
+        """The same with other coefficients."""
+        coef, of_surfaces = np.split(parameters, [self.coef.size])
+        surface = self.surface
+        if is_linear(surface):
+            surface = copy(surface)
+            surface.use_coef(of_surfaces.reshape(self._of_surfaces.shape))
+        return replace(self, coef=coef.reshape(self.coef.shape), surface=surface)
+
+    @property
+    def _of_surfaces(self) -> Array:
+        surface, n_columns = self.surface, len(self.feature_map.names_in)
+        return surface.linear_form(n_columns).coef if is_linear(surface) else np.empty((0, 0))
 
     def velocities(self, X: Array) -> Array:
         """Velocity of every mode at every sample, shape (n_modes, n_samples, n_states)."""
@@ -125,12 +146,24 @@ class SwitchingModel(SwitchingSystem):
         """Number of columns of X after the states."""
         return len(self.feature_map.names_in) - self.n_states
 
-    def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options) -> Trajectory:
-        """A rollout with named states; arguments as `simulate` takes them."""
-        checked_options(options)
-        options |= {"input_hold": input_hold, "discrete_time": self.discrete_time}
-        done = simulate(self, x0, t, inputs, **options)
-        return replace(done, names=tuple(self.feature_map.names_in[: self.n_states]))
+    def simulate(
+        self, x0, t, inputs=None, *, input_hold="zero", covariance=None, **options
+    ) -> Trajectory:
+        """A rollout with named states; arguments as `simulate` takes them.
+
+        With a band if options ask for one and the covariance of `parameters` is given.
+        """
+        names = tuple(self.feature_map.names_in[: self.n_states])
+
+        def rolled(model: SwitchingModel, asked: dict[str, object]) -> Trajectory:
+            checked_options(asked)
+            is_map = self.discrete_time
+            done = simulate(
+                model, x0, t, inputs, input_hold=input_hold, discrete_time=is_map, **asked
+            )
+            return replace(done, names=names)
+
+        return with_band(self, covariance, options, rolled)
 
     def to_hybrid_system(self) -> HybridSystem:
         """Laws and surfaces as formulas."""

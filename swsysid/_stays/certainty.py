@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._results import Array
@@ -14,6 +15,7 @@ from swsysid._stays.identification import StayIdentification, counted_as_one
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
+from swsysid._surfaces.surface import is_linear
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class Certainty:
     surface: Array | None  # (n_surfaces, n_surface_features), in the user's units
     instants: list[Array]  # of every recording
     samples_that_count_as_one: float
+    covariance: Array  # of all coefficients, in the order of `SwitchingModel.parameters`
 
 
 def certainty(found: StayIdentification, origin: Origin | None = None) -> Certainty:
@@ -42,13 +45,16 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     )
     if laws.region is not None:
         _at_bounds(found, of_laws, together)
-    coef = errors_of(laws.coef.shape, laws.places, of_laws, change)
-    coef[_held(found, origin)[:, None, :] & (coef > 0.0)] = np.inf
+    coef = errors_by(slopes_of(laws.coef.shape, laws.places, change), of_laws)
+    guessed = _held(found, origin)[:, None, :] & (coef > 0.0)
+    coef[guessed] = np.inf
+    every = covariance_of_all(found, change, together * covariance.of_shared)
+    every = untold(every, np.append(guessed, np.zeros(len(every) - guessed.size, dtype=bool)))
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
     errors = _errors(together * covariance.variances_of_instants)[: sum(counts)]
     instants = np.split(errors, np.cumsum(counts)[:-1])
     of_surface = surface_errors(found, together * covariance.of_guards)
-    return Certainty(coef, of_surface, instants, together)
+    return Certainty(coef, of_surface, instants, together, every)
 
 
 def _at_bounds(found: StayIdentification, of_laws: Array, together: float) -> None:
@@ -81,22 +87,58 @@ def _held(found: StayIdentification, origin: Origin | None) -> NDArray[np.bool_]
     return held
 
 
-def errors_of(
-    shape: tuple[int, ...], places: tuple[NDArray[np.intp], ...], covariance: Array, change: Array
-) -> Array:
-    """Errors of rows of coefficients (first, second, n) multiplied by `change`.
+def covariance_of_all(found: StayIdentification, change: Array, shared: Array) -> Array:
+    """Covariance of all coefficients of the model, from that of free ones of laws and surfaces.
 
-    `places` are those of the free coefficients, whose covariance is given; an infinite variance
-    makes those infinite that it enters.
+    Laws are multiplied by `change`; those of surfaces are in the coordinates of their fit.
     """
-    errors, (first, second, column) = np.zeros((*shape[:2], change.shape[1])), places
-    for row in np.ndindex(errors.shape[:2]):
-        own = np.flatnonzero((first == row[0]) & (second == row[1]))
-        told = own[np.isfinite(np.diag(covariance)[own])]
-        moved, block = change[column[told]], covariance[np.ix_(told, told)]
-        errors[row] = _errors(np.einsum("fi,fg,gi->i", moved, block, moved))
-        errors[row][(change[column[np.setdiff1d(own, told)]] != 0.0).any(axis=0)] = np.inf
-    return errors
+    laws, guards = found.estimate.laws, found.estimate.guards
+    slopes = slopes_of(laws.coef.shape, laws.places, change).reshape(laws.n_free, -1)
+    if guards is not None and is_linear(found.model.surface_):
+        slopes = block_diag(slopes, np.eye(guards.coef.size)[guards.free.ravel()])
+    return propagated(slopes, shared[: len(slopes), : len(slopes)])
+
+
+def slopes_of(shape: tuple[int, ...], places: tuple[NDArray[np.intp], ...], change: Array) -> Array:
+    """Derivatives of rows of coefficients (first, second, n) multiplied by `change`.
+
+    By the free ones, which stand at `places`: (n_free, first, second, n_changed).
+    """
+    first, second, column = places
+    slopes = np.zeros((len(column), *shape[:2], change.shape[1]))
+    slopes[np.arange(len(column)), first, second] = change[column]
+    return slopes
+
+
+def propagated(slopes: Array, covariance: Array) -> Array:
+    """Covariance of what depends on unknowns by `slopes` (n_unknowns, ...), all in one row.
+
+    Zero where nothing is free. An unknown of infinite variance makes that of all infinite that it
+    enters, and their covariances zero.
+
+    Examples
+    --------
+    >>> propagated(np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 1.0]]), np.diag([4.0, np.inf]))
+    array([[ 4.,  8.,  0.],
+           [ 8., 16.,  0.],
+           [ 0.,  0., inf]])
+    """
+    told = np.isfinite(np.diag(covariance))
+    moved = slopes.reshape(len(slopes), -1)
+    found = moved[told].T @ covariance[np.ix_(told, told)] @ moved[told]
+    return untold(found, (moved[~told] != 0.0).any(axis=0))
+
+
+def untold(covariance: Array, lost: NDArray[np.bool_]) -> Array:
+    """The same where nothing tells some of the unknowns."""
+    covariance[lost] = covariance[:, lost] = 0.0
+    covariance[lost, lost] = np.inf
+    return covariance
+
+
+def errors_by(slopes: Array, covariance: Array) -> Array:
+    """Standard errors of what depends on unknowns by `slopes` (n_unknowns, ...)."""
+    return _errors(np.diag(propagated(slopes, covariance))).reshape(slopes.shape[1:])
 
 
 def _errors(variances: Array) -> Array:

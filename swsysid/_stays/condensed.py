@@ -24,7 +24,13 @@ from swsysid._data.recordings import Hold, ManyRecordings
 from swsysid._results import Array, Trajectory
 from swsysid._stays.arrow import covariance_of
 from swsysid._stays.assign import assign, disturbances, prior_of_guards
-from swsysid._stays.certainty import Certainty, errors_of, surface_errors
+from swsysid._stays.certainty import (
+    Certainty,
+    covariance_of_all,
+    errors_by,
+    slopes_of,
+    surface_errors,
+)
 from swsysid._stays.descent import descended
 from swsysid._stays.given import Given, read_given, without_clipped
 from swsysid._stays.guards import Guards
@@ -160,9 +166,10 @@ class Total:
         laws, together = self.shared.laws, of_some.samples_that_count_as_one
         covariance, n = together * covariance_of(self.matrix), self.shared.laws.n_free
         change = self.shared.origin.change(found.model.switching_model.feature_map)
-        coef = errors_of(laws.coef.shape, laws.places, covariance[:n, :n], change)
+        coef = errors_by(slopes_of(laws.coef.shape, laws.places, change), covariance[:n, :n])
         surface = surface_errors(found, covariance[n:, n:])
-        return replace(of_some, coef=coef, surface=surface)
+        every = covariance_of_all(found, change, covariance)
+        return replace(of_some, coef=coef, surface=surface, covariance=every)
 
     def step(self, damping: float) -> tuple[Array, float]:
         """The step of damped equations, and what it promises."""

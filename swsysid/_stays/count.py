@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from swsysid._results import Array
-from swsysid._stays.identification import StayIdentification, counted_as_one
+from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
 from swsysid._stays.samples import misfits, modes_of
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
@@ -136,15 +136,14 @@ def fewest_modes(
     identified: Callable[[int, StayIdentification | None], StayIdentification],
     merged: Callable[[StayIdentification], StayIdentification | None],
     counts: Sequence[int],
-    is_noise: Callable[[StayIdentification], bool],
+    noise: Array,
 ) -> tuple[StayIdentification, list[CountCandidate]]:
     """The number at which another mode no longer pays, and one fewer does not either.
 
     One more is tried while one might pay, and where the best leaves more than noise one beyond: of
     the four modes of two heaters a third explains little. Then two modes become one as long as that
     is better: the answer with too many may have parted what one with fewer has not found.
-    `identified` is given a number and the answer of the number before, `merged` and `is_noise`
-    (whether that is all it leaves) an answer.
+    `identified` is given a number and the answer of the number before, `merged` an answer.
     """
     found: list[StayIdentification] = []
     asked: list[int] = []
@@ -159,7 +158,7 @@ def fewest_modes(
         gone = len(found[-1].estimate.laws.coef) < n_modes
         best = int(first_least([one.criterion for one in candidates]))
         in_vain = 0 if best == len(found) - 1 and not gone else in_vain + 1
-        if n_modes > 2 and in_vain and (in_vain > 1 or is_noise(found[best])):
+        if n_modes > 2 and in_vain and (in_vain > 1 or leaves_noise(found[best].reached, noise)):
             break
     while True:
         best = int(first_least([one.criterion for one in candidates]))

@@ -131,8 +131,7 @@ class Alternation:
             if turn >= n_prices - 1 and not (changed and gained):
                 break
         settled = self.found[-1].criterion < self.best.criterion + settings.roughly_converged
-        from_start = self._first < n_prices - 1  # else the part has been through this, too
-        if self._separates and changed and not settled and from_start:
+        if self._separates and changed and not settled and self._first < n_prices - 1:
             self._restarted(told)
         while self._simplified():
             told()

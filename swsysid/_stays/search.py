@@ -21,7 +21,7 @@ from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
 from swsysid._stays.exact import ExactStart, exact_modes
 from swsysid._stays.given import Given, check_channels, check_observed, without_clipped
-from swsysid._stays.identification import StayIdentification, leaves_noise
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
 from swsysid._stays.intervals import (
     IntervalLaws,
@@ -116,7 +116,7 @@ class Search:
         with self.quietly():
             if self.estimator.n_modes == "auto":
                 found, self.candidates = fewest_modes(
-                    self.with_modes, self.with_one_fewer, self.counts, self.leaves_noise
+                    self.with_modes, self.with_one_fewer, self.counts, self.base.noise
                 )
                 return found
             return self.with_modes(self.estimator.n_modes)
@@ -368,10 +368,6 @@ class Search:
         if stretch not in self._by_stretch:
             self._by_stretch[stretch] = differentiated(self.given, self.order, stretch)
         return self._by_stretch[stretch]
-
-    def leaves_noise(self, found: StayIdentification) -> bool:
-        """True if an answer leaves nothing that other stays or laws could explain."""
-        return leaves_noise(found.reached, self.base.noise)
 
     def usual_excess(self, found: StayIdentification) -> float:
         """The same of most recordings, where some may have been told wrongly."""

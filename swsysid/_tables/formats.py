@@ -9,9 +9,12 @@ functional mock-up unit is a program and is run.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
+
+from numpy.typing import NDArray
 
 from swsysid._tables.bus import read_bus
 from swsysid._tables.comtrade import read_comtrade
@@ -41,6 +44,7 @@ def _has_database(path: Path, described: Sequence[Path]) -> bool:
 
 
 _BUS = Format(read_bus, "can", _has_database)  # else logs of text are recordings as others are
+UNIT = ".fmu"
 FORMATS: dict[str, tuple[Format, ...]] = {
     ".mf4": (Format(read_mdf, "mdf"),),
     ".mdf": (Format(read_mdf, "mdf"),),
@@ -59,7 +63,7 @@ FORMATS: dict[str, tuple[Format, ...]] = {
     ".trc": (Format(read_bus, "can"),),
     ".asc": (_BUS,),
     ".log": (_BUS,),
-    ".fmu": (Format(read_fmu, "fmu"),),
+    UNIT: (Format(read_fmu, "fmu"),),
 }
 DATABASES = (".dbc",)  # what the frames of a bus mean
 
@@ -83,17 +87,22 @@ def own_format(path: Path, described: Sequence[Path]) -> Format | None:
 
 
 def read_tables(
-    path: Path, missing: Sequence[str] = (), described: Sequence[Path] = ()
+    path: Path,
+    missing: Sequence[str] = (),
+    described: Sequence[Path] = (),
+    signals: Mapping[str, NDArray] | None = None,
 ) -> list[Table]:
     """The tables of a file: one of text, spreadsheets and arrays, one for each clock of a logger.
 
-    `described` are the databases of a bus. TableError says what is wrong with the file.
+    `described` are the databases of a bus, `signals` drive a unit. TableError says what is wrong
+    with the file.
     """
     own = own_format(path, described)
     if own is None:
         return [read_table(path, None, missing)]
     try:
-        tables = list(own.read(path, described))
+        read = partial(read_fmu, signals=signals) if own.read is read_fmu else own.read
+        tables = list(read(path, described))
     except ModuleNotFoundError as error:
         raise TableError(
             f"{path.name} cannot be read: install {error.name} "

@@ -65,6 +65,7 @@ def read_recordings(
     time: str | None = None,
     units: Mapping[str, str] | None = None,
     missing: Sequence[str] = (),
+    fmu_input: str | Path | None = None,
 ) -> ReadRecordings:
     r"""Read files as the recordings that `fit` takes.
 
@@ -90,6 +91,9 @@ def read_recordings(
         Units by columns, stronger than those in the files.
     missing : sequence of str, default=()
         Words for a missing value, beside the usual ones.
+    fmu_input : str or path, default=None
+        File of any format with the `inputs` by which an FMU is driven, on one clock and for as
+        long as they last; between its rows they lie on lines, and step where a time stands twice.
 
     Returns
     -------
@@ -119,7 +123,7 @@ def read_recordings(
     if not states:
         raise TableError("states names no column; name those of the states.")
     wanted = [*states, *inputs]
-    found = runs_among(read_files(paths, units, missing), wanted)
+    found = runs_among(read_files(paths, units, missing, fmu_input, inputs), wanted)
     runs = [joined(number, tables, wanted, time) for number, tables in enumerate(found)]
     return ReadRecordings(
         [_recording(run, states, inputs) for run in runs],

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._rendering.printing import counted, text_table
-from swsysid._tables.formats import DATABASES, is_recording, read_tables
+from swsysid._tables.formats import DATABASES, UNIT, is_recording, read_tables
 from swsysid._tables.table import Table, TableError, no_column
 from swsysid._tables.units import SECONDS
 
@@ -98,19 +98,44 @@ def read_files(
     paths: str | Path | Sequence[str | Path],
     units: Mapping[str, str] | None = None,
     missing: Sequence[str] = (),
+    fmu_input: str | Path | None = None,
+    inputs: Sequence[str] = (),
 ) -> list[list[Table]]:
-    """The tables of all files, patterns and folders; databases of a bus go with its logs."""
+    """The tables of all files, patterns and folders; databases of a bus go with its logs.
+
+    Functional mock-up units are driven by the `inputs` of a file, if one is given.
+    """
     found = recording_files(paths)
+    signals = None if fmu_input is None else _signals(fmu_input, inputs)
+    if signals and not any(path.suffix.lower() == UNIT for path in found):
+        raise TableError(f"{fmu_input} drives a functional mock-up unit, and paths names none.")
     if not found:
         raise TableError("paths is empty; name the files of the recordings.")
     described = [path for path in found if path.suffix.lower() in DATABASES]
-    files = [read_tables(path, missing, described) for path in found if path not in described]
+    files = [
+        read_tables(path, missing, described, signals) for path in found if path not in described
+    ]
     if not files:
         raise TableError("paths names the database of a bus and no log; name that too.")
     for name in units or {}:
         if not any(_has(table, name) for tables in files for table in tables):
             _refuse([table for tables in files for table in tables], name)
     return [[_with_units(table, units or {}) for table in tables] for tables in files]
+
+
+def _signals(path: str | Path, inputs: Sequence[str]) -> dict[str, Array]:
+    """The times and the inputs that a file holds, on one clock."""
+    if not inputs:
+        raise TableError(f"name the inputs that {path} holds.")
+    [run, *more] = runs_among(read_files(path), inputs)
+    signals = joined(0, run, inputs, None)
+    if more or not signals.one_clock:
+        raise TableError(f"{path} holds several runs or clocks; give one run on one clock.")
+    columns = {"time": signals.t, **signals.columns}
+    for name, values in columns.items():
+        if not np.isfinite(values).all() or (name == "time" and (np.diff(values) < 0.0).any()):
+            raise TableError(f"{name} of {path} lacks a value or goes back; give one at each time.")
+    return columns
 
 
 def recording_files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
@@ -138,7 +163,7 @@ def recording_files(paths: str | Path | Sequence[str | Path]) -> list[Path]:
 def _is_left_out(path: Path) -> bool:
     """Of a folder: programs, and the numbers of a COMTRADE record, which its .cfg stands for."""
     described = any(path.with_suffix(ending).exists() for ending in (".cfg", ".CFG"))
-    return path.suffix.lower() == ".fmu" or (path.suffix.lower() == ".dat" and described)
+    return path.suffix.lower() == UNIT or (path.suffix.lower() == ".dat" and described)
 
 
 def _by_numbers(name: str) -> list[tuple[int, int, str]]:

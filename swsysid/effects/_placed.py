@@ -233,7 +233,8 @@ class FoundEffect:
         with the effects before this one, and with this one as well. An effect of a sensor, a
         guard or a mode has those of the equation that gains most.
     rivals : tuple of Rival
-        Effects whose held-out error is within one standard error.
+        Effects whose held-out error is within one standard error; in recordings of one law, where
+        there is a doubt about the name, those that explain at least half as much.
     meaning : str
         What it means physically, in one sentence.
     formula : str

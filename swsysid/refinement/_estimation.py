@@ -25,7 +25,7 @@ from swsysid.refinement._parameters import (
     grid_of,
     output_of,
 )
-from swsysid.refinement._result import RefinementResult, robust_covariance
+from swsysid.refinement._result import RefinementResult, errors_of, robust_covariance
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._trajectories import (
     Observed,
@@ -316,11 +316,13 @@ class Estimation:
         best = 2 if costs[2] < min(costs[:2]) else 0
         self.found = tried[best]
         covariance = self._covariance(tried[best])
-        errors = _errors(parameters.by_vector, covariance)
+        errors = errors_of(parameters.by_vector, covariance)
         names = parameters.names
         segments = Segments.of(self.records, self.guess, self._whole)
+        model = parameters.apply(self.model, tried[best].vector)
+        vars(model)["covariance_"] = _of_all(parameters, covariance)
         return RefinementResult(
-            model=parameters.apply(self.model, tried[best].vector),
+            model=model,
             names=names,
             values=tried[best].vector,
             covariance=covariance,
@@ -357,6 +359,15 @@ class Estimation:
         )  # fmt: skip
 
 
+def _of_all(parameters: Parametrization, covariance: Array) -> Array | None:
+    """That of `SwitchingModel.parameters`, which has no parameters with names; None with these."""
+    if parameters.named:
+        return None
+    every = np.zeros((len(parameters.values), len(parameters.values)))
+    every[np.ix_(parameters.free, parameters.free)] = covariance
+    return every
+
+
 def _free(model: FittedModel, system: SwitchingModel, free: ArrayLike | None) -> NDArray[np.bool_]:
     if free is None:
         free = model.free if isinstance(model, StatedModel) else fitted_and_free(system.coef)
@@ -367,14 +378,6 @@ def _free(model: FittedModel, system: SwitchingModel, free: ArrayLike | None) ->
             "truth value for each coefficient."
         )
     return chosen
-
-
-def _errors(by: Array, covariance: Array) -> Array:
-    """Standard errors of sums, infinite where nothing tells a part of them."""
-    told = np.isfinite(np.diag(covariance))
-    block, own = covariance[np.ix_(told, told)], by[:, told]
-    errors = np.sqrt(np.einsum("vk,kl,vl->v", own, block, own))
-    return np.where((by[:, ~told] != 0.0).any(axis=1), np.inf, errors)
 
 
 def _advice(names: list[str], covariance: Array, improved: bool, status: Status) -> str:

@@ -23,7 +23,8 @@ class RefinementResult:
     Attributes
     ----------
     model : like the model given
-        A copy with the refined parameters; labels of its training samples are not touched.
+        A copy with the refined parameters; labels of its training samples are not touched. Its
+        ``simulate(..., n_draws=)`` gives bands, unless named parameters are free.
     names : list of str
         Names of the free parameters: coefficients, named parameters, surface coefficients. Those
         that what is known lets follow others are not among them.
@@ -117,6 +118,14 @@ class RefinementResult:
                 lines.append(f"rollout error of {what} {k}: {pairs}")
         lines += [f"known: {one}" for one in self.known]
         return "\n".join([*lines, blamed(self.known) or self.advice])
+
+
+def errors_of(by: Array, covariance: Array) -> Array:
+    """Standard errors of sums, infinite where nothing tells a part of them."""
+    told = np.isfinite(np.diag(covariance))
+    block, own = covariance[np.ix_(told, told)], by[:, told]
+    errors = np.sqrt(np.einsum("vk,kl,vl->v", own, block, own))
+    return np.where((by[:, ~told] != 0.0).any(axis=1), np.inf, errors)
 
 
 def robust_covariance(

@@ -319,7 +319,8 @@ class StatedModel(WithSwitchingModel):
 
     def simulate(self, x0, t, inputs=None, *, input_hold="zero", **options) -> Trajectory:
         """Roll the states out, with switches located; see `SwitchingSystemRegressor.simulate`."""
-        return self.switching_model.simulate(x0, t, inputs, input_hold=input_hold, **options)
+        known = {"covariance": vars(self).get("covariance_"), "input_hold": input_hold}
+        return self.switching_model.simulate(x0, t, inputs, **known, **options)
 
     def measure(self, x: ArrayLike, inputs: ArrayLike | None = None) -> Array:
         """What the sensors read along a trajectory of the states, (n_samples, n_outputs)."""

@@ -7,11 +7,12 @@ import pytest
 
 from swsysid import HybridAutomaton
 from swsysid._automaton.transitions import PolynomialGuard
-from swsysid._automaton_search.elsewhere import errors_from
+from swsysid._automaton_search.elsewhere import slopes_from
 from swsysid._automaton_search.joint import JointEstimate, jointly
 from swsysid._automaton_search.refined import Course, nodes_of
 from swsysid._automaton_search.transition_guards import TransitionGuards
 from swsysid._data.recordings import Record
+from swsysid._stays.certainty import errors_by
 from swsysid._stays.guards import Crossings
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Objective
@@ -73,7 +74,9 @@ def recorded(plant, starts, t, noise, seed=0, inputs=None):
 def errors_of(found, plant):
     """Standard errors of laws, guards and resets, columns counted from zero."""
     nowhere = Origin(np.zeros(plant.n_states + plant.n_inputs))
-    return errors_from(nowhere, found, plant.feature_map)
+    laws, guards, resets = slopes_from(nowhere, found, plant.feature_map)
+    errors = [errors_by(slopes, found.covariance) for slopes in (laws, *guards, resets)]
+    return errors[0], errors[1:-1], errors[-1]
 
 
 def thermostat(seed=0, noise=0.05, n=4, until=24.0):

@@ -7,6 +7,10 @@ browser; without, the Python of the tests stands in (`page_server`).
 import json
 import os
 import re
+import subprocess
+import sys
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from pathlib import Path
 
 import numpy as np
@@ -139,3 +143,51 @@ def test_the_page_itself_asks_nobody(site, tmp_path):
     """Before a file is chosen nothing is loaded but the page's own files."""
     document = rendered((site / "index.html").as_uri(), tmp_path / "browser", 1000)
     assert not re.search(r'(?:src|href)="(?:https?:)?//', document)
+
+
+ALONE = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class Only(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in BLOCKED:
+            raise ModuleNotFoundError(name)
+
+sys.meta_path.insert(0, Only())
+from swsysid.__main__ import main
+from swsysid._cli.in_browser import columns_of, identified
+told = columns_of("log.csv"), identified(main, ["log.csv", "--states", "x", "--modes", "1"])
+sys.exit(sum("refused" in each for each in told))
+"""
+
+
+def test_the_packages_that_the_worker_loads_are_enough(tmp_path):
+    """An identification where nothing but these and what they depend on can be imported."""
+    worker = (Path(__file__).parents[2] / "docs" / "in_browser" / "worker.js").read_text("utf-8")
+    [loaded] = re.findall(r"const PACKAGES = (\[.*?\]);", worker, re.S)
+    allowed, asked = set(), [*json.loads(loaded), "swsysid"]
+    while asked:
+        name = asked.pop().lower().replace("_", "-")
+        if name not in allowed:
+            allowed.add(name)
+            with suppress(PackageNotFoundError):  # of another system
+                needed = () if name == "swsysid" else requires(name) or ()
+                asked += [re.split(r"[^\w.-]", one)[0] for one in needed if "extra" not in one]
+    blocked = {
+        module for module, names in packages_distributions().items()
+        if not {name.lower().replace("_", "-") for name in names} & allowed
+    }  # fmt: skip
+    assert "cvxpy" in blocked and "pandas" not in blocked
+    t = np.arange(0.0, 8.0, 0.1)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(t))
+    np.savetxt(
+        tmp_path / "log.csv", np.column_stack([t, np.exp(-0.5 * t) + noise]), delimiter=",",
+        header="t,x", comments="",
+    )  # fmt: skip
+    program = f"BLOCKED = {sorted(blocked)!r}\n{ALONE}"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "swsysid_output" / "report.html").exists()

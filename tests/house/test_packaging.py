@@ -41,7 +41,7 @@ def test_every_dependency_has_one_lower_bound():
 
 def test_extras():
     extras = set(CONFIG["project"]["optional-dependencies"])
-    assert extras == {*_OPTIONAL, "test", "docs", "bench"}
+    assert extras == {*_OPTIONAL, "test", "docs", "bench", "peers"}
 
 
 def _declared(requirements):

@@ -233,6 +233,77 @@ def test_a_unit_is_run_and_read(tmp_path):
     np.testing.assert_allclose(run["x"]["T"], done.x[:, 0], atol=1e-3)
 
 
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    """A unit that heats by an input, and the signal: a step at 2, a ramp from 3 on."""
+    plant = HybridAutomaton.stated(
+        [{"T": "-0.5 T + u"}, {"T": "-0.5 T + 3 u - 2 T"}],
+        [(0, 1, "T >= 1"), (1, 0, "T <= 0.5")], states=["T"], inputs=["u"],
+    )  # fmt: skip
+    folder = tmp_path_factory.mktemp("driven")
+    plant.to_fmu(folder / "plant.fmu")
+    signal = np.array([(0.0, 0.5), (2.0, 0.5), (2.0, 1.5), (3.0, 1.5), (6.0, -1.5)])
+    np.savetxt(folder / "signal.csv", signal, delimiter=",", header="t,u", comments="")
+    return folder, plant, signal
+
+
+def test_a_unit_is_driven_by_a_file(driven):
+    pytest.importorskip("fmpy")
+    folder, plant, signal = driven
+    given = {"states": ["T"], "inputs": ["u"], "time": "time"}
+    [run] = read_recordings(folder / "plant.fmu", **given, fmu_input=folder / "signal.csv")
+    t, u = run["t"], run["inputs"]["u"].to_numpy()
+    assert (t[0], t[-1]) == (0.0, 6.0)
+    # both limits of the step, and lines between the rows
+    assert u[t == 2.0][0] == 0.5 and u[t == 2.0][-1] == 1.5
+    np.testing.assert_allclose(u[t > 3.0], 1.5 - (t[t > 3.0] - 3.0), atol=1e-12)
+    np.testing.assert_array_equal(u[t < 2.0], 0.5)
+    # the same by rollouts of the plant, one up to the step and one from there on
+    first, second = t[t <= 2.0], np.unique(np.append(t[t >= 2.0], 3.0))
+    before, after = t <= 2.0, t >= 2.0
+    one = plant.simulate([0.0], np.unique(first), np.full((len(np.unique(first)), 1), 0.5), mode=0)
+    level = np.interp(second, signal[2:, 0], signal[2:, 1])
+    other = plant.simulate(
+        one.x[-1], second, level[:, None], mode=int(one.modes[-1]), input_hold="linear"
+    )
+    T = run["x"]["T"].to_numpy()
+    np.testing.assert_allclose(T[before], np.interp(t[before], one.t, one.x[:, 0]), atol=1e-5)
+    found = np.interp(t[after], other.t, other.x[:, 0])
+    np.testing.assert_allclose(T[after][t[after] <= 3.0], found[t[after] <= 3.0], atol=1e-5)
+    # on a line FMPy holds the input over each step of its integrator
+    np.testing.assert_allclose(T[after], found, atol=2e-3)
+
+
+def test_inputs_that_nobody_drives_are_said(driven):
+    pytest.importorskip("fmpy")
+    told = read_recordings(driven[0] / "plant.fmu", states=["T"], time="time")
+    assert told.remarks == ["Inputs that keep their start values: u."]
+
+
+@pytest.mark.parametrize(("signal", "inputs", "words"), [
+    ("t,w\n0,1\n1,2\n", ["w"], "plant.fmu has no input 'w'; its inputs: u."),
+    ("t,u\n0,1\n1,2\n", [], "name the inputs that .*signal.csv holds"),
+    ("t,v\n0,1\n1,2\n", ["u"], "no column 'u'"),
+    ("t,u\n0,1\n1,\n", ["u"], "u of .*signal.csv lacks a value"),
+    ("t,u\n1,1\n0,2\n", ["u"], "time of .*signal.csv lacks a value or goes back"),
+    ("t,u\n1,1\n1,2\n", ["u"], "the signals for plant.fmu have no two times"),
+])  # fmt: skip
+def test_signals_that_drive_nothing_are_one_sentence(signal, inputs, words, driven, tmp_path):
+    pytest.importorskip("fmpy")
+    (tmp_path / "signal.csv").write_text(signal)
+    with pytest.raises(ValueError, match=words) as told:
+        read_recordings(
+            driven[0] / "plant.fmu", states=["T"], inputs=inputs, time="time",
+            fmu_input=tmp_path / "signal.csv",
+        )  # fmt: skip
+    assert "\n" not in str(told.value)
+    (tmp_path / "log.csv").write_text("t,T,u\n0,1,0\n1,2,0\n")
+    with pytest.raises(ValueError, match="drives a functional mock-up unit, and paths names none"):
+        read_recordings(
+            tmp_path / "log.csv", states=["T"], inputs=["u"], fmu_input=tmp_path / "log.csv"
+        )
+
+
 @pytest.mark.parametrize(("write", "name"), [
     (_modelica, "plant.mat"), (_ulog, "flight.ulg"), (_ros, "run.mcap"), (_comtrade, "relay.cfg"),
     (_comtrade, "relay.cff"), (_ros_1, "old.bag"), (_bus, "drive.blf"), (_bus, "drive.asc"),
