@@ -76,8 +76,6 @@ def _check_wishes(arguments: argparse.Namespace) -> None:
     modes(arguments.modes)
     if arguments.automaton and (arguments.diagnose or arguments.quick):
         raise TableError("--automaton goes without --diagnose and --quick; leave these out.")
-    if arguments.known and arguments.diagnose:
-        raise TableError("--known goes without --diagnose; leave one of them out.")
     if arguments.diagnose:
         return
     for option in ("html", "signals", "effects"):

@@ -21,7 +21,7 @@ from swsysid._checks.arrays import table
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity, whole
 from swsysid._data.trajectories import places_along
-from swsysid._known.known import check_known
+from swsysid._known.known import OF_TRANSITIONS, known_laws
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning, MisfitWarning
@@ -248,7 +248,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         """
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
-        refine, laws_known = flag("refine", self.refine), check_known(self.known)
+        refine, laws_known = flag("refine", self.refine), known_laws(self.known, OF_TRANSITIONS)
         sampled.check_times(
             discrete, order, self.lags, self.sparsity, self.input_hold, knows=bool(laws_known)
         )

@@ -21,15 +21,16 @@ from swsysid._surfaces.mode_books import (
     surface_scale,
     warn_if_doubtful,
 )
-from swsysid._surfaces.polynomials import check_parameters, surface_basis
+from swsysid._surfaces.parameters import check_parameters
+from swsysid._surfaces.polynomials import surface_basis
 from swsysid._surfaces.probability import ModePosterior
 from swsysid._surfaces.surface import LinearForm
 from swsysid._whole_or_nothing import whole_or_nothing
 from swsysid.metrics._scorers import ScoredByAccuracy
 
 _DEFAULT_MARGIN = 1e-2
-# The paper's beta in raw coordinates. In standardised ones half of it still separates what can be
-# separated; smaller values keep terms that only a few samples next to the surface ask for.
+# The paper's beta in raw coordinates. In standardised ones half of it separates what can be;
+# smaller values keep terms that only a few samples next to the surface ask for.
 _BETA_RAW, _BETA_STANDARDIZED = 1e-2, 5e-3
 
 
@@ -81,6 +82,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         How much surfaces need each monomial, from 0 to 1: its coefficient pays beta / relevance,
         0 leaves it out. The monomials are then the user's own, scaled but not centred. None is
         all monomials here; `SwitchingSystemRegressor` then finds a relevance.
+    span : array-like of shape (n_surface_features, n_columns), default=None
+        Surfaces are sums of these columns of coefficients: ``x - 0.5``, or ``x`` and a constant.
     solver : str, default="auto"
         ``"auto"`` is HiGHS; any other name is a solver of cvxpy.
     random_state : int, RandomState instance or None, default=None
@@ -142,6 +145,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         standardize=True,
         feature_library=None,
         relevance=None,
+        span=None,
         solver="auto",
         random_state=None,
     ):
@@ -153,6 +157,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         self.standardize = standardize
         self.feature_library = feature_library
         self.relevance = relevance
+        self.span = span
         self.solver = solver
         self.random_state = random_state
 
@@ -190,7 +195,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         rows = canonical_rows(X, labels, sample_weight=weight).counted
         self._basis = surface_basis(
             self.degree, self.feature_library, rows.arrays[0], rows.weight,
-            standardize=self.standardize, relevance=self.relevance,
+            standardize=self.standardize, relevance=self.relevance, span=self.span,
         )  # fmt: skip
         features, labels = self._basis(rows.arrays[0]), rows.arrays[1]
         default_beta = _BETA_STANDARDIZED if self.standardize else _BETA_RAW
@@ -240,8 +245,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def class_posterior(self, X):
         """Probability of every class from all surfaces that the data allow and training errors."""
-        features = self._features(X)
-        return self._posterior(features)
+        return self._posterior(self._features(X))
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -259,8 +263,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        X = rows_of(self, X)
-        return self._basis.of_user(X)
+        return self._basis.of_user(rows_of(self, X))
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -271,8 +274,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
         ``sum_l max(0, margin - s_jl f_l(x))``; with weights and `complexity_` the LP's objective.
         """
-        values = self.surface_values(X)
-        return self.fitted_surfaces.penalty(values)
+        return self.fitted_surfaces.penalty(self.surface_values(X))
 
     @property
     def powers(self):
@@ -309,8 +311,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def linear_form(self, n_columns):
         """The surfaces as functions of their coefficients."""
-        fitted = self._fitted_coef, self._surface_scale, self.mode_book_, self.classes_
-        return LinearForm(self._basis.at_rows, *fitted)
+        fitted = self._surface_scale, self.mode_book_, self.classes_
+        return LinearForm(self._basis.at_rows, self._fitted_coef, *fitted)
 
     def use_coef(self, coef):
         """Take other coefficients, in the coordinates of `linear_form`."""
@@ -392,8 +394,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         }
 
     def _features(self, X):
-        X = rows_of(self, X)
-        return self._basis(X)
+        return self._basis(rows_of(self, X))
 
     def _class_decisions(self, values):
         return decisions(values, self.mode_book_, self._surface_scale)

@@ -254,7 +254,8 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
                 other = search.without(left_out, found)
                 return weighted(other.identified(), other, origin)
 
-            self.known_ = checked(found, Again(again, estimator, search.base.noise))
+            options = estimator, search.base.noise, settings, search.guard
+            self.known_ = checked(found, Again(again, *options))
             found = origin.told(found)
         self._keep(given if total is None else None)
         self.input_holds_ = tuple(map(str, holds))

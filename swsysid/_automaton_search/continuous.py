@@ -63,6 +63,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
 from swsysid._stays.certainty import certainty
 from swsysid._stays.count import CountCandidate
+from swsysid._stays.exact import ExactStart
 from swsysid._stays.given import Given, without_clipped
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.knowledge import Again, Knowledge, checked
@@ -76,7 +77,7 @@ from swsysid._stays.pieces import (
     without_limits,
 )
 from swsysid._stays.recordings import Recordings
-from swsysid._stays.search import ExactStart, Search
+from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 
 _Begun = tuple[StayIdentification, Told]  # before it is refined
@@ -219,8 +220,9 @@ def _answer(
         errors = errors_elsewhere(origin, errors, automaton)
     rollouts, noise = _rolled_out(given, told, found, stays.left)
     again = Again(
-        lambda left: search.without(left, stays).identified(), search.estimator, search.base.noise
-    )
+        lambda left: search.without(left, stays).identified(), search.estimator, search.base.noise,
+        search.settings,
+    )  # fmt: skip
     return IdentifiedAutomaton(
         automaton,
         errors,

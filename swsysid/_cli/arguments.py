@@ -241,8 +241,8 @@ def _add_laws(add: Callable) -> None:
         default=[],
         metavar="SENTENCE",
         help='what is known of the laws, once for each sentence: "x\' = v", "v\'[x] = -9.81", '
-        '"v\'[v] <= 0", "v\' has no u", "v\'[u] same in all modes"; the answer says what the '
-        "recording would rather have, unless --quick",
+        '"v\'[v] <= 0", "v\' has no u", "v\'[u] same in all modes", "guard x >= *"; or @FILE, with '
+        "one on each line; the answer says what the recording would rather have, unless --quick",
     )
     add("--surface-degree", type=int, default=1, metavar="D", help="of the surface (default: 1)")
     add(
@@ -353,6 +353,21 @@ def _sparsity(word: str) -> str | float:
         return word if word == "auto" else float(word)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f'{word!r} is neither a number nor "auto"') from error
+
+
+def sentences(given: Sequence[str]) -> list[str]:
+    """Sentences as they are given, those of ``@FILE`` one on each line, none of a line with #."""
+    found: list[str] = []
+    for one in given:
+        if not one.startswith("@"):
+            found.append(one)
+            continue
+        try:
+            lines = Path(one[1:]).read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise ValueError(f"--known {one} cannot be read: {error}.") from error
+        found += [line.strip() for line in lines if line.strip() and not line.startswith("#")]
+    return found
 
 
 def is_watched(verbose: bool) -> bool:

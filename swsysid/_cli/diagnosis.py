@@ -108,7 +108,8 @@ def diagnosed(
         if options.position == "no":
             columns = columns[samples.n_known :]
         terms = Terms(columns, options.library_degree, options.waves, *samples.angles)
-        declared = options.regressor(1, feature_library=terms.library(samples.X.shape[1]))
+        library, known = terms.library(samples.X.shape[1]), list(options.known) or None
+        declared = options.regressor(1, feature_library=library, known=known)
         search = searched(samples, declared, effects, options)
     done = Diagnosis(search, samples, notes)
     if not is_left_open:

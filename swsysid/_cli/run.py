@@ -15,7 +15,7 @@ from pathlib import Path
 from sklearn.base import clone
 
 from swsysid._checkpoints import versions
-from swsysid._cli.arguments import LIBRARIES, is_watched, modes
+from swsysid._cli.arguments import LIBRARIES, is_watched, modes, sentences
 from swsysid._cli.automaton import own_warnings, run_automaton
 from swsysid._cli.diagnosis import chosen_effects, diagnosed, searched
 from swsysid._cli.job import JobOptions, JobResult, run_job
@@ -96,6 +96,7 @@ def _options(arguments: argparse.Namespace, measurement: Measurement) -> JobOpti
     given, degree = vars(arguments), arguments.library_degree
     options = {each.name: given[each.name] for each in fields(JobOptions) if each.name in given}
     options |= {
+        "known": sentences(arguments.known),
         "modes": modes(arguments.modes, arguments.automaton),
         "library_degree": LIBRARIES[arguments.library or "affine"] if degree is None else degree,
         "verbose": is_watched(arguments.verbose),

@@ -25,6 +25,9 @@ from swsysid._data.records import Records
 from swsysid._data.rows import CanonicalRows, canonical_rows
 from swsysid._identification.identify import identify
 from swsysid._identification.setup import build_problem, build_search
+from swsysid._identification.within import KnownLaws
+from swsysid._known.known import Known, check_known
+from swsysid._known.region import Region
 from swsysid._pipelines import steps_before, switching_step, with_parameters
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning, MisfitWarning
@@ -51,6 +54,11 @@ class FittedLaws(Protocol):
     def support(self) -> NDArray[np.bool_]:
         """Terms that the laws may have, shaped like `coef`."""
         return np.ones(self.coef.shape, dtype=bool)
+
+    @property
+    def region(self) -> Region | None:
+        """Coefficients that what is known allows; None for all."""
+        return None
 
     @property
     def feature_map(self) -> FeatureMap:
@@ -163,6 +171,24 @@ class FittedDeclared:
     doubts: Doubts = ()  # what it had to say of its fit
 
 
+def region_of(
+    known: Known | None, feature_map: FeatureMap, shape: tuple[int, ...]
+) -> Region | None:
+    """Laws of a shape that what is known allows; None for all."""
+    laws = KnownLaws.of(known, feature_map, shape[1])
+    if laws is None or len(laws.terms) != shape[2]:  # an effect has brought terms of its own
+        return None
+    return laws.region(shape[0])
+
+
+def may_have(region: Region | None, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Terms that are not known to be missing, of laws of a shape."""
+    if region is None:
+        return np.ones(shape, dtype=bool)
+    told, values = region.fixed
+    return np.asarray(~told | (values != 0.0))
+
+
 # -- switching regressors --------------------------------------------------------------------------
 
 
@@ -201,7 +227,14 @@ class DeclaredSwitching(Declared):
         return np.asarray(feature_map(seen))
 
     def support(self, n_modes: int, n_states: int, n_features: int) -> NDArray[np.bool_]:
-        return np.ones((n_modes, n_states, n_features), dtype=bool)
+        switching = self._switching
+        known = check_known(switching.known)
+        shape = n_modes, n_states, n_features
+        if known is None or not known.columns:
+            return np.ones(shape, dtype=bool)
+        row = np.ones((1, len(known.columns)))
+        features = FeatureMap(switching.feature_library, row, known.columns)
+        return may_have(region_of(known, features, shape), shape)
 
     def fitted(self, records: Records, targets: Array, modes: Modes | None) -> FittedDeclared:
         # A search fits it often and on data that lack something: only the fit that is handed over
@@ -233,9 +266,9 @@ class DeclaredSwitching(Declared):
         extended, *rest = rows.arrays
         plain = CanonicalRows((extended[:, : X.shape[1]], *rest), rows.weight, rows.inverse)
         problem = build_problem(switching, plain, feature_map)
-        problem = replace(
-            problem, features=np.column_stack([problem.features, extended[:, X.shape[1] :]])
-        )
+        known = problem.known and replace(problem.known, n_beside=columns.shape[1])
+        features = np.column_stack([problem.features, extended[:, X.shape[1] :]])
+        problem = replace(problem, features=features, known=known)
         found = identify(
             problem, build_search(switching, plain), check_random_state(switching.random_state)
         )
@@ -266,6 +299,14 @@ class SwitchingLaws(FittedLaws):
     def coef(self) -> Array:
         coef: Array = self.switching.coef_
         return coef
+
+    @property
+    def region(self) -> Region | None:
+        return region_of(check_known(self.switching.known), self.feature_map, self.coef.shape)
+
+    @property
+    def support(self) -> NDArray[np.bool_]:
+        return may_have(self.region, self.coef.shape)
 
     @property
     def feature_map(self) -> FeatureMap:

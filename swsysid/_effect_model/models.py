@@ -39,8 +39,9 @@ from swsysid._effect_model.declared import (
     SwitchingLaws,
 )
 from swsysid._effect_model.decoding import decoded, modes_of_velocities
+from swsysid._known.known import Known, both_known, check_known
 from swsysid._noise import robust_regression
-from swsysid._pipelines import seeded, switching_step
+from swsysid._pipelines import seeded, steps_before, switching_step, with_parameters
 from swsysid._results import Array
 from swsysid._stays.search import check_estimator
 from swsysid._trajectory_identifier import TrajectoryIdentifier
@@ -258,12 +259,27 @@ def declared_model(estimator: object, records: Records) -> Declared:
     """The declared model that an estimator is, for some records."""
     check_declared(estimator)
     assert isinstance(estimator, BaseEstimator)
-    return DeclaredSwitching(estimator)
+    known = None
+    if steps_before(estimator) is None:  # which would give other columns
+        known = check_known(switching_step(estimator)[1].get_params(deep=False).get("known"))
+    return _declared_switching(estimator, known, records)
 
 
 @declared_model.register
 def _(estimator: TrajectoryIdentifier, records: Records) -> Declared:
-    return DeclaredSwitching(check_estimator(estimator.estimator))
+    regressor = check_estimator(estimator.estimator)
+    known = both_known(check_known(regressor.known), check_known(estimator.known))
+    return _declared_switching(regressor, known, records)
+
+
+def _declared_switching(
+    estimator: BaseEstimator, known: Known | None, records: Records
+) -> DeclaredSwitching:
+    """With what is known of the columns as they are called in the records."""
+    if known is not None:
+        known = known.of_columns(known.columns or records.names[: records.X.shape[1]])
+        estimator = with_parameters(estimator, known=known)
+    return DeclaredSwitching(estimator)
 
 
 @declared_model.register

@@ -267,6 +267,14 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
     linear = linear_features(features, X)
     sought = np.ones((n_states, features.shape[1]), dtype=bool)
     known = np.zeros(sought.shape)
+    if laws.region is not None:
+        told, values = laws.region.fixed
+        if (laws.region.touched & ~told).any():
+            raise ValueError(
+                "known holds single coefficients where one law is rolled out; leave sums of them "
+                "and bounds out, or give velocities."
+            )
+        sought, known = ~told[0], values[0]
     channels = stretches.seen.states
     moved = {
         q: v
@@ -276,5 +284,6 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
     for state, velocity in moved.items():
         column, feature = X[:, velocity], linear[velocity]
         sought[state] = False
+        known[state] = 0.0
         known[state, feature] = column @ features[:, feature] / np.sum(features[:, feature] ** 2)
     return Law.of(library, sought, known), moved

@@ -43,8 +43,8 @@ from swsysid._data.sources import (
 from swsysid._data.trajectories import group_labels
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
-from swsysid._identification.within import KnownLaws
-from swsysid._known.known import check_known
+from swsysid._identification.within import KnownGuard, KnownLaws
+from swsysid._known.known import Known, check_known
 from swsysid._losses import get_loss
 from swsysid._results import Array
 from swsysid._seeding.search import same_partition
@@ -125,7 +125,10 @@ def checked_rows(
         blocks = row_blocks(X, y, sample_weight, groups, read_at_once=read_at_once)
         names, one_target = columns_of_blocks(X, y)
         validate_data(estimator, names)
-    sample = draw_sample(blocks, settings.sampled, settings.whole)
+    # what is known joins modes and equations, which summaries of rows keep apart
+    at_once = _knows_laws(estimator) and not holds_blocks(X)
+    most_rows = settings.whole if blocks.n_rows is None or not at_once else blocks.n_rows
+    sample = draw_sample(blocks, settings.sampled, most_rows)
     return TrainingRows(blocks, sample).without_factor(), one_target
 
 
@@ -136,7 +139,11 @@ def build_problem(
     X, targets, _ = rows.arrays
     n_modes = 1 if estimator.n_modes == "auto" else int(estimator.n_modes)
     whole("n_modes", min(n_modes, len(X)), most=MOST_MODES)  # modes beyond the rows are dropped
+    known = check_known(estimator.known)
     surface = PolynomialSurfaceClassifier() if estimator.surface is None else estimator.surface
+    if known is not None and (guard := known.of_guard()) is not None:
+        names = known.columns or feature_map.names_in
+        surface = KnownGuard.of(guard, estimator, names).within
     if option(surface, "random_state", 0) is None:
         # Left to itself the search for mode-books would draw from numpy's global state.
         surface = clone(surface).set_params(random_state=0)
@@ -155,36 +162,41 @@ def build_problem(
         scale=np.ones(targets.shape[1]),
         outlying=np.zeros(len(X), dtype=bool),
         coef_bound=estimator.coef_bound,
-        known=_known_laws(estimator, feature_map, targets.shape[1]),
+        known=_known_laws(estimator, known, feature_map, targets.shape[1]),
         solver=estimator.solver,
         settings=estimator.settings,
     )
 
 
-def _known_laws(estimator: Parameters, feature_map: FeatureMap, n_states: int) -> KnownLaws | None:
-    known, names = check_known(estimator.known), tuple(feature_map.names_in[:n_states])
-    if known is None:
+def _known_laws(
+    estimator: Parameters, given: Known | None, feature_map: FeatureMap, n_states: int
+) -> KnownLaws | None:
+    if (laws := KnownLaws.of(given, feature_map, n_states)) is None:
         return None
     if estimator.coef_bound is not None:
         raise ValueError("known and coef_bound exclude each other; bound coefficients in known.")
-    laws = KnownLaws(known, names, tuple(map(str, feature_map.names_out)))
     region = laws.region(2 if estimator.n_modes == "auto" else int(estimator.n_modes))
     if region.is_of_one_law:
         raise ValueError(
-            f"known={shown(str(known))} leaves modes nothing to differ in; ask for n_modes=1, or "
-            "leave something free."
+            f"known={shown(str(laws.known))} leaves modes nothing to differ in; ask for n_modes=1, "
+            "or leave something free."
         )
     return laws
+
+
+def _knows_laws(estimator: Parameters) -> bool:
+    known = check_known(estimator.known)
+    return known is not None and known.of_laws is not None
 
 
 def build_search(
     estimator: Parameters, rows: CanonicalRows, sample: Sample | None = None
 ) -> Search:
     """How to look for the answer on the canonical rows, of all data or of a sample of them."""
-    if check_known(estimator.known) is not None and not (sample is None or sample.is_everything):
+    if _knows_laws(estimator) and not (sample is None or sample.is_everything):
         raise ValueError(
-            f"known holds for up to {sample.n_rows:,} rows, those that are identified at once; "
-            "give fewer rows."
+            "known holds for rows that are in memory at once; give arrays in place of blocks, or "
+            "fewer rows."
         )
     return Search(estimator, _resolve_init(estimator, rows, sample), rows.arrays[2])
 

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.base import clone
 
+from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._data.coordinates import shifted_monomials
+from swsysid._data.features import FeatureMap
+from swsysid._identification.settings import Parameters
 from swsysid._known.known import Known
 from swsysid._known.region import Region
+from swsysid._known.sentences import Guard, Names
 from swsysid._losses.within import Block, least_within
 from swsysid._results import Array
+from swsysid._surfaces.polynomials import Basis, plain_basis
+from swsysid._surfaces.surface import takes_relevance
 
 _HARD = 1.0 - 1e-9  # membership of a row that is in one mode
 
@@ -24,6 +33,15 @@ class KnownLaws:
     known: Known
     equations: tuple[str, ...]
     terms: tuple[str, ...]
+    n_beside: int = 0  # further columns, of which nothing is known
+
+    @classmethod
+    def of(cls, known: Known | None, feature_map: FeatureMap, n_states: int) -> KnownLaws | None:
+        """Of the laws of a library; None where nothing is known of them."""
+        if known is None or (laws := known.of_laws) is None:
+            return None
+        names = known.columns or feature_map.names_in
+        return cls(laws, tuple(names[:n_states]), tuple(map(str, feature_map.names(names))))
 
     def region(self, n_modes: int) -> Region:
         """The coefficients of so many modes that it allows."""
@@ -32,7 +50,61 @@ class KnownLaws:
 
 @lru_cache(maxsize=32)
 def _region(laws: KnownLaws, n_modes: int) -> Region:
-    return laws.known.region(laws.equations, laws.terms, n_modes)
+    region = laws.known.region(laws.equations, laws.terms, n_modes)
+    return region.beside_columns(laws.n_beside) if laws.n_beside else region
+
+
+@dataclass(frozen=True)
+class KnownGuard:
+    """What is known of the surfaces of a classifier between columns of some names."""
+
+    guard: Guard
+    surface: PolynomialSurfaceClassifier
+    names: Sequence[str]
+    offset: Array  # where the columns of a fit are counted from
+
+    @classmethod
+    def of(
+        cls, guard: Guard, estimator: Parameters, names: Sequence[str], offset: Array | None = None
+    ) -> KnownGuard:
+        """That of a regressor; ValueError where its surfaces cannot be of this kind."""
+        given = estimator.surface
+        surface = PolynomialSurfaceClassifier() if given is None else given
+        if not isinstance(surface, PolynomialSurfaceClassifier) or not takes_relevance(surface):
+            raise ValueError(
+                f'known="{guard}" needs a surface that may be any polynomial, a '
+                "PolynomialSurfaceClassifier that is told no relevance or span."
+            )
+        known = cls(guard, surface, names, np.zeros(len(names)) if offset is None else offset)
+        if guard.span(known.monomials).shape[1] == 1 and estimator.n_modes not in ("auto", 1, 2):
+            raise ValueError(
+                f'known="{guard}" is one surface, which parts two modes and not '
+                f"{estimator.n_modes}; leave the threshold to be found, such as guard x >= *."
+            )
+        return known
+
+    @property
+    def within(self) -> PolynomialSurfaceClassifier:
+        """The classifier held to it."""
+        return clone(self.surface).set_params(span=self.counted(self.guard.span(self.monomials)))
+
+    @cached_property
+    def basis(self) -> Basis:
+        """The monomials of which surfaces are."""
+        return plain_basis(self.surface.degree, self.surface.feature_library, len(self.names))
+
+    @cached_property
+    def monomials(self) -> Names:
+        """Their names."""
+        return Names([], list(map(str, self.basis.names(self.names))), 1)
+
+    def counted(self, columns: Array) -> Array:
+        """Columns of coefficients (n_monomials, n_columns) where the columns are counted from."""
+        if not self.offset.any():
+            return columns
+        assert self.basis.exponents is not None, "only monomials are counted from elsewhere"
+        unit = np.ones(len(self.offset))
+        return shifted_monomials(self.basis.exponents, -self.offset, unit) @ columns
 
 
 class Rows(NamedTuple):

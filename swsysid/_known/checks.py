@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
 from swsysid._known.region import Region
-from swsysid._known.sentences import Names
+from swsysid._known.sentences import Guard, Names
 from swsysid._rendering.printing import linear_combination, with_error
 from swsysid._results import Array
 
@@ -74,6 +74,15 @@ class Released(NamedTuple):
     covariance: Callable[[], Array]  # of the free coefficients, at a unit of one
 
 
+class GuardDoubt(NamedTuple):
+    """What data would rather have of a surface, and how surely."""
+
+    log_p: float
+    name: str  # of the sum that passes a threshold
+    threshold: float
+    error: float
+
+
 class Fit(Protocol):
     """Coefficients fitted within a region."""
 
@@ -91,6 +100,9 @@ class Fit(Protocol):
 
     def released(self, region: Region, /) -> Released:
         """What it becomes in another region, to first order."""
+
+    def of_guard(self, guard: Guard, /) -> GuardDoubt | None:
+        """What it says of a shape of surfaces; None where there is no surface."""
 
     def without(self, left_out: frozenset[int], /) -> Self:
         """A whole identification without some sentences."""
@@ -147,6 +159,10 @@ class _Asked:
 
     def __init__(self, fit: Fit, region: Region, number: int):
         self.fit, self.region, self.number, self.log_p = fit, region, number, 0.0
+        sentence = region.sentences[number]
+        self.of_guard = fit.of_guard(sentence) if isinstance(sentence, Guard) else None
+        if self.of_guard is not None:
+            self.log_p = self.of_guard.log_p
         self.beside = region.beside(number, fit.coef, fit.free)
         held = region.without(*self.beside)
         own, self.less = region.owner == number, held.without(number)
@@ -164,6 +180,9 @@ class _Asked:
     def told(self, most: float) -> KnownCheck:
         """The answer, with the row that agrees least; questioned where log p is below `most`."""
         fit, region, sentence = self.fit, self.region, str(self.region.sentences[self.number])
+        if self.of_guard is not None:
+            doubt, chance = self.of_guard, float(np.exp(self.log_p))
+            return KnownCheck(sentence, chance, *doubt[1:], self.log_p < most)
         own = np.flatnonzero(region.owner == self.number)
         released, rows = fit.released(self.less), region.matrix[own]
         forms, covariance = rows[:, fit.free], released.covariance()

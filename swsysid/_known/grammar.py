@@ -3,11 +3,15 @@
     sentence = sum "=" sum | sum "<=" sum | sum ">=" sum | number "<=" sum "<=" number
              | law "has no" terms | law "has only" terms
              | law "same in all modes" | coefficient "same in all modes"
+             | "guard" sum ("=" | "<=" | ">=") ("*" | sum) | "guard has only" terms
     law      = name "'"             the left side of a printed equation; x[k+1] is read as x'
     coefficient = law "[" term "]"  what stands before the term in the law
     sum      = of coefficients and numbers, or of laws, terms and numbers, each perhaps with a
                number before it: v'[x] + 2 w'[x], x0' + x1', 2 v - 9.81
     terms    = names between commas; "other terms" are those that no sentence names
+
+The sum of a guard has terms and numbers: modes change where it passes a threshold, which is sought
+where it is "*". Which mode is on which side is found.
 
 A term may end with a prime itself, as the speed x' where positions are measured: to the right of
 "=" it is a term if there is one of that name, and else a law.
@@ -24,7 +28,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from swsysid._checks.parameters import shown
-from swsysid._known.sentences import REST, Identity, Only, Part, Relation, Same, Sentence, Without
+from swsysid._known.sentences import (
+    REST,
+    GuardOnly,
+    GuardSum,
+    Identity,
+    Only,
+    Part,
+    Relation,
+    Same,
+    Sentence,
+    Without,
+)
 
 _RELATION = re.compile(r"<=|>=|=|<|>")
 _DIGITS = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
@@ -32,9 +47,14 @@ _NUMBER = re.compile(rf"{_DIGITS}(?=\s*\*?\s*(?:[^\W\d]|`|$))")
 _EXPONENT = re.compile(r"(?:^|[^\w`])(?:\d+\.?\d*|\.\d+)[eE]$")
 _HAS = re.compile(r"(?P<law>.*'`?)\s+has\s+(?P<how>no|only)\s+(?P<terms>.*)", re.DOTALL)
 _SAME = re.compile(r"(?P<of>.*?\S)\s+(?:is |are )?(?:the )?same in (?:all|every) modes?")
+_GUARD = re.compile(r"guard\s+(?:(?P<only>has\s+only\s)|)(?P<of>.*)", re.DOTALL)
+_SOUGHT = "*"  # a threshold that is sought
 _OTHERS = ("other terms", "other term", "others", REST)
 _OPEN, _CLOSE = "([{", ")]}"
-_EXAMPLES = """"x' = v", "v'[x] = -9.81", "v'[v] <= 0", "v' has no u", "v'[u] same in all modes\""""
+_EXAMPLES = (
+    """"x' = v", "v'[x] = -9.81", "v'[v] <= 0", "v' has no u", "v'[u] same in all modes", """
+    """"guard x >= *\""""
+)
 
 
 def read(text: object) -> Sentence:
@@ -47,6 +67,8 @@ def read(text: object) -> Sentence:
             f"known={text.strip()!r} is of single modes, but which mode has which number is known "
             "only after a fit; say it of all modes, or that something is the same in all."
         )
+    if (found := _GUARD.fullmatch(sentence)) is not None:
+        return _guard(found, text)
     if (found := _SAME.fullmatch(sentence)) is not None:
         own = list(_parts(found["of"], text))
         if len(own) != 1 or own[0].weight != 1.0 or not own[0].equation:
@@ -67,15 +89,44 @@ def _terms(found: re.Match[str], text: str) -> Sentence:
     own = list(_parts(found["law"], text))
     if len(own) != 1 or not own[0].equation or own[0].term:
         raise _refused(text, f"{found['law']} is no law")
-    listed = [one.strip() for one in _split(found["terms"], ",")]
-    names = tuple(REST if one in _OTHERS else _bare(one) for one in listed)
-    if not all(names):
-        raise _refused(text, "a term is missing")
+    names = _listed(found["terms"], text)
     if found["how"] == "no":
         return Without(own[0].equation, names)
     if REST in names:
         raise _refused(text, "it must say which terms there are")
     return Only(own[0].equation, names)
+
+
+def _listed(terms: str, text: str) -> tuple[str, ...]:
+    listed = [one.strip() for one in _split(terms, ",")]
+    names = tuple(REST if one in _OTHERS else _bare(one) for one in listed)
+    if not all(names):
+        raise _refused(text, "a term is missing")
+    return names
+
+
+def _guard(found: re.Match[str], text: str) -> Sentence:
+    if found["only"]:
+        if REST in (names := _listed(found["of"], text)):
+            raise _refused(text, "it must say which terms there are")
+        return GuardOnly(names)
+    sides = list(_split(found["of"], _RELATION.pattern))
+    if len(sides) != 2:
+        raise _refused(text, "a guard is a sum, one relation and a threshold, as guard x >= *")
+    if _SOUGHT in found["of"].removesuffix(_SOUGHT) or sides[0].strip() == _SOUGHT:
+        raise _refused(text, "* stands for a threshold, alone and to the right")
+    sought = sides[1].strip() == _SOUGHT
+    parts = list(_parts(sides[0], text))
+    parts += [] if sought else [one.times(-1.0) for one in _parts(sides[1], text)]
+    if any(one.equation for one in parts):
+        raise _refused(text, "a guard is of states and inputs, not of laws")
+    own = tuple(one for one in parts if one.term != "1")
+    if not own:
+        raise _refused(text, "it names no state or input")
+    level = 0.0 - sum(one.weight for one in parts if one.term == "1")
+    if sought and level:
+        raise _refused(text, "its threshold is sought, and a number beside it says nothing")
+    return GuardSum(own, None if sought else level)
 
 
 def _relation(sentence: str, text: str) -> Sentence:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from swsysid._known.grammar import read
 from swsysid._known.region import Region
 from swsysid._known.sentences import (
     REST,
+    Guard,
     Names,
     Only,
     Part,
@@ -20,6 +21,8 @@ from swsysid._known.sentences import (
     Sentence,
     Without,
 )
+
+OF_TRANSITIONS = "each transition of an automaton has a guard of its own"  # why it takes none
 
 
 @dataclass(frozen=True, repr=False)
@@ -33,8 +36,8 @@ class Known:
 
     Parameters
     ----------
-    sentences : tuple, default=()
-        Left to the methods and to `from_text`.
+    sentences, columns : tuple, default=()
+        Left to the methods, `from_text` and `of_columns`.
 
     See Also
     --------
@@ -56,6 +59,7 @@ class Known:
     """
 
     sentences: tuple[Sentence, ...] = ()
+    columns: tuple[str, ...] = ()  # of rows whose columns have no names, () as they have them
 
     @classmethod
     def from_text(cls, sentences: str | Iterable[str]) -> Known:
@@ -67,8 +71,9 @@ class Known:
             ``"x' = v"`` (the whole law), ``"v'[x] = -9.81"``, ``"-1 <= v'[v] <= 0"``,
             ``"v'[x] = 2 w'[x]"`` (coefficients), ``"x0' + x1' + x2' = 0"`` (laws),
             ``"v' has no u"``, ``"v' has no other terms"``, ``"v' has only x, v"``,
-            ``"v'[u] same in all modes"``, ``"v' same in all modes"``. A name with a sign or comma
-            in it stands in backquotes.
+            ``"v'[u] same in all modes"``, ``"v' same in all modes"``, ``"guard x >= 0.5"``,
+            ``"guard x + 2 v >= *"``, ``"guard has only 1, x"``. A name with a sign or comma in it
+            stands in backquotes.
 
         Returns
         -------
@@ -121,6 +126,37 @@ class Known:
         """What sentences say; as `from_text`, in a chain."""
         return self._and(*map(read, sentences))
 
+    def guard(self, sentence: str) -> Known:
+        """Where modes change: ``"x >= 0.5"``, ``"x + 2 v >= *"``, ``"has only 1, x"``.
+
+        A threshold of ``*`` is sought, and so is which mode is on which side.
+        """
+        return self._and(read(f"guard {sentence}"))
+
+    @property
+    def of_laws(self) -> Known | None:
+        """The same without guards; None if nothing is left."""
+        own = tuple(one for one in self.sentences if not isinstance(one, Guard))
+        return replace(self, sentences=own) if own else None
+
+    def of_columns(self, names: Sequence[str]) -> Known:
+        """The same of rows without names, whose columns are called so here."""
+        return replace(self, columns=tuple(names))
+
+    def of_guard(self, left_out: frozenset[int] = frozenset()) -> Guard | None:
+        """What it says of guards, some sentences left out; ValueError where that is two things."""
+        own = [
+            one
+            for number, one in enumerate(self.sentences)
+            if isinstance(one, Guard) and number not in left_out
+        ]
+        if len(own) > 1:
+            raise ValueError(
+                f'known says "{own[0]}" and "{own[1]}", and all surfaces have one shape; say it in '
+                "one sentence, such as guard has only 1, x, v."
+            )
+        return own[0] if own else None
+
     def region(
         self,
         equations: Sequence[str],
@@ -135,7 +171,7 @@ class Known:
         return Region.of(self.sentences, Names(equations, terms, n_modes), left_out)
 
     def _and(self, *sentences: Sentence) -> Known:
-        return Known(tuple(dict.fromkeys((*self.sentences, *sentences))))  # each once
+        return replace(self, sentences=tuple(dict.fromkeys((*self.sentences, *sentences))))  # once
 
     def __add__(self, other: Known) -> Known:
         return self._and(*other.sentences)
@@ -161,6 +197,14 @@ def check_known(known: object) -> Known | None:
     if isinstance(known, (str, list, tuple)):
         return Known.from_text(known) if known else None
     raise TypeError(f'known={shown(known)} must be a Known or sentences such as "x\' = v".')
+
+
+def known_laws(known: object, why: str) -> Known | None:
+    """The same of what has no surface between all modes, `why` it has none."""
+    found = check_known(known)
+    if found is not None and (guard := found.of_guard()) is not None:
+        raise ValueError(f'known="{guard}" is of the surfaces of a fit, and {why}; leave it out.')
+    return found
 
 
 def both_known(one: Known | None, other: Known | None) -> Known | None:

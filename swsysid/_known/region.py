@@ -71,6 +71,17 @@ class Region:
         """The same of coefficients that times `change` (n_terms, n_terms) are these."""
         return replace(self, change=change @ self.change)
 
+    def beside_columns(self, n_columns: int) -> Region:
+        """The same with so many terms more, of which nothing is known."""
+        names = self.names.terms + [f"column {k}" for k in range(n_columns)]
+        more = [(0, 0)] * (self.rows.ndim - 1) + [(0, n_columns)]
+        change = np.eye(len(names))
+        change[: len(self.change), : len(self.change)] = self.change
+        return replace(
+            self, names=Names(self.names.equations, names, self.names.n_modes),
+            rows=np.pad(self.rows, more), change=change,
+        )  # fmt: skip
+
     def without(self, *sentences: int) -> Region:
         """The same with some sentences less."""
         other = self._of_rows(~np.isin(self.owner, sentences))

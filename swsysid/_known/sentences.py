@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -226,6 +227,58 @@ class Same:
     def __str__(self) -> str:
         law = f"{_name(self.equation)}'"
         return (law if self.term == REST else f"{law}[{self.term}]") + " same in all modes"
+
+
+class Guard(ABC):
+    """Of which monomials the surfaces between modes are; it says nothing of laws."""
+
+    def rows(self, names: Names, named: set[tuple[int, int]]) -> Iterator[Row]:
+        """None."""
+        yield from ()
+
+    def named(self, names: Names) -> Iterator[tuple[int, int]]:
+        """None."""
+        yield from ()
+
+    @abstractmethod
+    def span(self, monomials: Names) -> Array:
+        """Columns of which surfaces are sums, (n_monomials, n_columns)."""
+
+
+@dataclass(frozen=True)
+class GuardSum(Guard):
+    """Modes change where a sum of monomials passes a threshold; one that is sought is None."""
+
+    parts: tuple[Part, ...]
+    threshold: float | None
+
+    def span(self, monomials: Names) -> Array:
+        """The sum without its threshold, or beside a constant."""
+        column = np.zeros(len(monomials.terms))
+        for part in self.parts:
+            column[monomials.term(part.term)] += part.weight
+        constant = np.eye(len(column))[monomials.term("1")]
+        if self.threshold is None:
+            return np.column_stack([column, constant])
+        return (column - self.threshold * constant)[:, None]
+
+    def __str__(self) -> str:
+        level = "*" if self.threshold is None else _number(self.threshold)
+        return f"guard {_sum((one.weight, _name(one.term)) for one in self.parts)} >= {level}"
+
+
+@dataclass(frozen=True)
+class GuardOnly(Guard):
+    """Surfaces have no other monomials than these."""
+
+    terms: tuple[str, ...]
+
+    def span(self, monomials: Names) -> Array:
+        """A column for each of them."""
+        return np.eye(len(monomials.terms))[:, [monomials.term(one) for one in self.terms]]
+
+    def __str__(self) -> str:
+        return f"guard has only {_listed(self.terms)}"
 
 
 def _nothing(names: Names, equation: int, terms: Sequence[int]) -> Iterator[Row]:

@@ -32,7 +32,7 @@ from swsysid._identification.terms import SurfaceCandidate
 from swsysid._pipelines import ModePipeline
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import IterationRecord
-from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis
+from swsysid._surfaces.polynomials import LibraryBasis, PolynomialBasis, RelevantBasis, SpannedBasis
 from swsysid._surfaces.probability import ModePosterior, SurfaceEvidence
 from swsysid._trajectory_identifier import TrajectoryIdentifier
 from swsysid.effects import PlacedEffect, all_effects, special_effects
@@ -45,7 +45,7 @@ _OWN = {
         SwitchingSystemRegressor, PolynomialSurfaceClassifier, EffectRegressor, ModePipeline,
         TrajectoryIdentifier, HybridAutomatonRegressor, EffectSearchCV,
         FeatureMap, FunctionLibrary, Monomials,
-        PolynomialBasis, LibraryBasis, RelevantBasis,
+        PolynomialBasis, LibraryBasis, RelevantBasis, SpannedBasis,
         ModePosterior, SurfaceEvidence, SurfaceCandidate, ModeCandidate, IterationRecord,
         HybridAutomaton, Transition, PolynomialGuard, AffineReset, FirstModes,
         JointFit, PlacedEffect, Guard,

@@ -111,6 +111,11 @@ class Factor:
         b, d = np.split(right, [len(self.border)])
         return np.asarray(d - self.reached.T @ b - self.corner.matrix @ z)
 
+    def checked(self) -> Factor:
+        """The same; LinAlgError where the matrix is not positive within the steps of its corner."""
+        self.corner.check()
+        return self
+
     @property
     def inverse_of_corner(self) -> Array:
         """The corner of the inverse."""
@@ -147,6 +152,9 @@ class Corner:
     def __init__(self, matrix: Array):
         self.matrix, self._factor = matrix, cho_factor(matrix, check_finite=False)
 
+    def check(self) -> None:
+        """LinAlgError where S has no inverse, which its factor has told."""
+
     def over(self, right: Array) -> Array:
         """S^-1 times a vector or a matrix."""
         # SciPy before 1.14 refuses systems without unknowns, those of a matrix without corner.
@@ -165,6 +173,10 @@ class CornerWithin(Corner):
     def __init__(self, matrix: Array, steps: Steps):
         super().__init__(matrix)
         self._steps = steps
+
+    def check(self) -> None:
+        """LinAlgError where S is not positive on the steps, by rounding, though it is on all."""
+        _ = self._inverse
 
     @cached_property
     def _inverse(self) -> Array:

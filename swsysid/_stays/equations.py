@@ -244,7 +244,8 @@ class NodeEquations:
         while True:
             try:
                 matrix = self._reduced(hold, held)[0]
-                factor = matrix.in_units(unit).factor(least=held, within=self._at_bounds(unit))
+                within = self._at_bounds(unit)
+                factor = matrix.in_units(unit).factor(least=held, within=within).checked()
                 return Covariance(
                     factor, unit, held, self.n_laws, self.n_guards, self.place[self.at], self.own,
                     self.shared, self.stiffness + hold, self.since,

@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._journal import step
+from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
+from swsysid._stays.count import CountCandidate
 from swsysid._stays.decoding import cheapest_path
 from swsysid._stays.intervals import Intervals, flow
 from swsysid._stays.laws import Laws
@@ -28,6 +30,8 @@ from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import LIMITS, StaySettings
 from swsysid._stays.stays import Stays
 
+# What laws miss in the mean where they are exact to a solver's tolerance, of what nearly is exact.
+_SHARPLY = 0.01
 _JUMP = 0.3  # of a usual change: where others jump by more, less is an error of a solver
 # Instants in an interval from which those are sought at which flows meet, and steps to there.
 _SHARES, _TURNS_OF_SHARES = 5, 6
@@ -247,3 +251,19 @@ def _gaps(
     spread = laws.spread[:, None]
     by_parts = np.stack(slopes, axis=2) if slopes else np.zeros((n, len(laws.spread), 0))
     return (x - y) / laws.spread, by_parts / spread
+
+
+@dataclass(frozen=True)
+class ExactStart:
+    """Laws that explain recordings without noise, and the modes of these."""
+
+    start: SwitchingSystemRegressor
+    laws: Laws
+    modes: ExactModes
+    candidates: list[CountCandidate]  # of the number of modes, where that was not given
+    miss: float  # what the flows usually leave of an interval, in spreads
+
+    @property
+    def is_sharp(self) -> bool:
+        """True for one law, and for laws that leave less than a solver does of another one."""
+        return len(self.laws.coef) == 1 or self.miss <= _SHARPLY * LIMITS.nearly_exactly

@@ -20,6 +20,8 @@ from swsysid._stays.laws import Features, Modes, slopes_of
 from swsysid._stays.settings import LIMITS
 from swsysid._surfaces.surface import Surface, is_linear
 
+_NEVER = 1e-100  # a rate at which a surface that is nowhere is reached; its squares are numbers
+
 
 class Crossings(NamedTuple):
     """Where recordings switch, one row for each switch; modes that its surface separates.
@@ -197,7 +199,7 @@ class Guards:
         gradients = np.einsum("kf,kfc->kc", coef, slopes)
         rates = np.einsum("kc,kc->k", gradients, moving)
         slowest = LIMITS.slowest_crossing * self._medians(surfaces, np.abs(rates))[surfaces]
-        size = np.maximum(np.maximum(np.abs(rates), slowest), np.finfo(float).tiny)
+        size = np.maximum(np.maximum(np.abs(rates), slowest), _NEVER)
         by_columns = np.zeros((len(used), at.columns.shape[1]))
         by_columns[:, : gradients.shape[1]] = gradients / size[:, None]
         by_coef = np.zeros((len(used), *self.coef.shape))

@@ -32,7 +32,7 @@ from swsysid._stays.assign import (
 from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord, leaves_noise, noise_of
-from swsysid._stays.knowledge import placed
+from swsysid._stays.laws import placed
 from swsysid._stays.lifted import Estimate, recombined
 from swsysid._stays.monomials import without_weakest
 from swsysid._stays.nodes import Nodes
@@ -324,8 +324,7 @@ class Alternation:
         """The same from the surface of the round before."""
         placed, enough = self.placed, np.inf
         assert placed is not None and placed.estimate.guards is not None
-        guards = placed.estimate.guards
-        first = replace(first, guards=guards)
+        first = replace(first, guards=(guards := placed.estimate.guards))
         start = Reached(first, placed.reached.objective.with_noise(self.noise), np.inf)
         if self.found:
             enough = self.best.reached.with_noise(self.noise).value + self.settings.hopeless

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,21 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
-from swsysid._known.checks import KnownCheck, Released, checks
+from swsysid._identification.within import KnownGuard
+from swsysid._known.checks import GuardDoubt, KnownCheck, Released, checks
 from swsysid._known.known import Known
 from swsysid._known.region import Region
+from swsysid._known.sentences import Guard
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._rendering.printing import linear_combination
 from swsysid._results import Array
 from swsysid._stays.descent import Reached
 from swsysid._stays.equations import NodeEquations
+from swsysid._stays.guards import Guards
 from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
-from swsysid._stays.laws import Laws
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples, misfits
+from swsysid._stays.settings import StaySettings
+from swsysid._stays.surfaces import on_these, through_crossings
 from swsysid._ties import least_of
 from swsysid.metrics._modes import best_matching, contingency
-
-_RIDGE = 1e-9  # of the metric of coefficients: what features do not tell moves least
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,16 @@ class Knowledge:
         equations = features.names_in[:n_states]
         region = self.known.region(equations, list(features.names_out), n_modes, self.left_out)
         return region.by(self.origin.change(features)) if self.origin.moves else region
+
+    def guard(
+        self, estimator: SwitchingSystemRegressor, names: Sequence[str] | None, n_columns: int
+    ) -> KnownGuard | None:
+        """Of the surfaces of an estimator, between columns of these names; None for all."""
+        names = names or [f"x{column}" for column in range(n_columns)]
+        known = None if self.known is None else self.known.of_guard(self.left_out)
+        if known is None:
+            return None
+        return KnownGuard.of(known, estimator, names, self.origin.offset)
 
     def check(self, model: SwitchingSystemRegressor, possible: NDArray[np.bool_]) -> None:
         """ValueError where it contradicts coefficients of a model that are not `possible` else."""
@@ -64,17 +77,11 @@ class Knowledge:
 NOTHING = Knowledge(None, Origin(np.zeros(0)))
 
 
-def placed(laws: Laws, columns: Array) -> Laws:
-    """The laws whose velocities at rows are nearest to given ones, of those that are allowed."""
-    if laws.region is None:
-        return laws
-    features = laws.features(columns)
-    mode, state, feature = laws.places
-    gram = features.T @ features / len(features)
-    gram += _RIDGE * np.diag(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
-    alike = (mode[:, None] == mode) & (state[:, None] == state)
-    metric = np.where(alike, gram[np.ix_(feature, feature)], 0.0) / np.square(laws.spread[state])
-    return replace(laws, coef=laws.region.nearest(laws.coef, laws.free, metric))
+def within(
+    model: SwitchingSystemRegressor, guard: KnownGuard | None, estimator: SwitchingSystemRegressor
+) -> SwitchingSystemRegressor:
+    """The model, to be fitted with the surface of an estimator, held to what is known of it."""
+    return model.set_params(surface=estimator.surface if guard is None else guard.within)
 
 
 class Again:
@@ -85,8 +92,11 @@ class Again:
         identified: Callable[[frozenset[int]], StayIdentification],
         estimator: SwitchingSystemRegressor,
         noise: Array,  # as neighbouring samples show it
+        settings: StaySettings,
+        guard: KnownGuard | None = None,
     ):
         self._identified, self.n_modes, self.noise = identified, estimator.n_modes, noise
+        self.settings, self.guard = settings, guard
         self._done: dict[frozenset[int], Reached] = {}
 
     def __call__(self, left_out: frozenset[int]) -> Reached:
@@ -161,6 +171,40 @@ class _StayFit:
         fewer = asked != "auto" and len(self.coef) < int(asked)
         return fewer or not leaves_noise(self.reached, self.again.noise)
 
+    def of_guard(self, guard: Guard) -> GuardDoubt | None:
+        """By the likelihood of surfaces with more monomials than it allows, the stays as told.
+
+        A threshold, if it has none, and then each monomial for itself, the one that recordings
+        cross most closely.
+        """
+        known, estimate = self.again.guard, self.reached.estimate
+        if known is None or estimate.guards is None or not len(estimate.nodes.instants):
+            return None
+        settings, terms = self.again.settings.roughly(), known.monomials
+        every, span = np.eye(len(terms.terms)), guard.span(terms)
+
+        def nearest(columns: Array) -> tuple[Guards, float]:
+            counted = known.counted(columns)
+            return through_crossings(self.reached, known.basis.at_rows, counted, settings)
+
+        def on(columns: Array) -> _StayFit:
+            return replace(self, reached=on_these(nearest(columns)[0], self.reached, settings))
+
+        held, wider, doubts = on(span), span, []
+        if terms.has_term("1") and not _spans(span, constant := every[terms.term("1")]):
+            wider = np.column_stack([span, constant])
+            level = on(wider)
+            doubts.append((held.log_p_beside(level), wider, level))
+        beyond = [np.column_stack([wider, one]) for one in every if not _spans(wider, one)]
+        if beyond:
+            best = min(beyond, key=lambda columns: nearest(columns)[1])
+            fit = on(best)
+            doubts.append((held.log_p_beside(fit) + np.log(len(beyond)), best, fit))
+        if not doubts:
+            return GuardDoubt(0.0, "", np.nan, 0.0)
+        log_p, columns, fit = min(doubts, key=lambda one: one[0])
+        return GuardDoubt(min(0.0, log_p + np.log(len(doubts))), *_threshold(fit, columns, known))
+
     def without(self, left_out: frozenset[int]) -> _StayFit:
         return self._named(self.again(left_out))
 
@@ -200,3 +244,31 @@ def _of_laws(equations: NodeEquations) -> Array:
     every = np.arange(len(of_laws))
     of_laws[every, every] = np.where(covariance.untold_laws, np.inf, of_laws[every, every])
     return of_laws
+
+
+def _spans(columns: Array, one: Array) -> bool:
+    """True if a column is a sum of others."""
+    return bool(np.linalg.matrix_rank(np.column_stack([columns, one])) == columns.shape[1])
+
+
+def _threshold(fit: _StayFit, columns: Array, known: KnownGuard) -> tuple[str, float, float]:
+    """The surface that is crossed most, as a sum that passes a threshold, and its error."""
+    estimate, terms = fit.reached.estimate, known.monomials
+    guards, X = estimate.guards, Samples.of(estimate).columns + known.offset
+    assert guards is not None
+    crossed, _ = guards.crossed(estimate.crossings)
+    own = int(np.bincount(crossed, minlength=len(guards.coef)).argmax())
+    coef = columns @ guards.coef[own]
+    unit = int((np.abs(coef) * known.basis.of_user(X).std(axis=0)).argmax())
+    place = terms.term("1") if terms.has_term("1") else None
+    level = 0.0 if place is None else float(-coef[place] / coef[unit])
+    moves = -level * columns[unit] - (0.0 if place is None else columns[place])
+    moves = moves[guards.free[own]] / coef[unit]
+    places = guards.own_places()[own]
+    block = fit.reached.covariance.of_guards[np.ix_(places, places)]
+    error = np.sqrt(fit.unit[0] * fit.unit[1] * max(0.0, moves @ block @ moves))
+    others = [k for k in np.flatnonzero(coef).tolist() if k != place]
+    name = linear_combination(
+        [float(coef[k] / coef[unit]) for k in others], [terms.terms[k] for k in others], brief=True
+    )
+    return f"guard {name}", level, float(error)

@@ -24,6 +24,8 @@ from swsysid._known.region import Region
 from swsysid._results import Array
 from swsysid._stays.settings import LIMITS
 
+_RIDGE = 1e-9  # of the metric of coefficients: what features do not tell moves least
+
 Modes = NDArray[np.intp]
 Features = Callable[[Array], Array]  # rows (states, inputs) -> (n_rows, n_features)
 
@@ -320,3 +322,16 @@ def slopes_of(features: Features, columns: Array, spread: Array) -> tuple[Array,
     values = values.reshape(n_varied + 1, len(columns), values.shape[1])
     slopes = (values[1:] - values[0]) / (LIMITS.difference * spread)[:, None, None]
     return values[0], slopes.transpose(1, 2, 0)
+
+
+def placed(laws: Laws, columns: Array) -> Laws:
+    """The laws whose velocities at rows are nearest to given ones, of those that are allowed."""
+    if laws.region is None:
+        return laws
+    features = laws.features(columns)
+    mode, state, feature = laws.places
+    gram = features.T @ features / len(features)
+    gram += _RIDGE * np.diag(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
+    alike = (mode[:, None] == mode) & (state[:, None] == state)
+    metric = np.where(alike, gram[np.ix_(feature, feature)], 0.0) / np.square(laws.spread[state])
+    return replace(laws, coef=laws.region.nearest(laws.coef, laws.free, metric))

@@ -17,7 +17,7 @@ from swsysid._results import Array
 from swsysid._stays.descent import most_likely_with_guards
 from swsysid._stays.guards import Guards
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.knowledge import placed
+from swsysid._stays.laws import placed
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import StaySettings
 

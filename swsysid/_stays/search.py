@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._checks.parameters import shown, whole
+from swsysid._identification.within import KnownGuard
 from swsysid._journal import offer, step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
-from swsysid._stays.exact import ExactModes, exact_modes
+from swsysid._stays.exact import ExactStart, exact_modes
 from swsysid._stays.given import Given, check_channels, check_observed, without_clipped
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.identify import Alternation
@@ -30,8 +31,7 @@ from swsysid._stays.intervals import (
     usual_miss,
     without_equal,
 )
-from swsysid._stays.knowledge import NOTHING, Knowledge
-from swsysid._stays.laws import Laws
+from swsysid._stays.knowledge import NOTHING, Knowledge, within
 from swsysid._stays.merged import closest, grown, merged
 from swsysid._stays.monomials import with_few_terms
 from swsysid._stays.pieces import part_of
@@ -49,11 +49,8 @@ from swsysid._stays.start import (
 from swsysid._stays.stays import Stays
 from swsysid._ties import least_of
 
-# Where a solver errs: what laws miss in the mean where they are exact to its tolerance, in parts of
-# what is nearly exact; and by what it may be off, of a usual change. SciPy's BDF, LSODA and Radau
-# leave up to .001 at a tolerance of 1e-5 and up to .02 at 1e-3
-# (`tests/automaton_search/test_solver_errors.py`).
-_SHARPLY = 0.01
+# By what a solver may be off, of a usual change: SciPy's BDF, LSODA and Radau leave up to .001 at a
+# tolerance of 1e-5 and up to .02 at 1e-3 (`tests/automaton_search/test_solver_errors.py`).
 _SOLVER_ERRORS = (1e-4, 1e-3, 1e-2, 3e-2)
 
 
@@ -72,22 +69,6 @@ def check_estimator(estimator: object) -> SwitchingSystemRegressor:
             "itself with next states."
         )
     return estimator
-
-
-@dataclass(frozen=True)
-class ExactStart:
-    """Laws that explain recordings without noise, and the modes of these."""
-
-    start: SwitchingSystemRegressor
-    laws: Laws
-    modes: ExactModes
-    candidates: list[CountCandidate]  # of the number of modes, where that was not given
-    miss: float  # what the flows usually leave of an interval, in spreads
-
-    @property
-    def is_sharp(self) -> bool:
-        """True for one law, and for laws that leave less than a solver does of another one."""
-        return len(self.laws.coef) == 1 or self.miss <= _SHARPLY * LIMITS.nearly_exactly
 
 
 class Search:
@@ -177,6 +158,12 @@ class Search:
         """Names of states and inputs, if the data have names."""
         return self.base.names(self.given)
 
+    @cached_property
+    def guard(self) -> KnownGuard | None:
+        """What is known of surfaces."""
+        n_columns = self.base.recordings.columns.shape[1]
+        return self.knowledge.guard(self.estimator, self.names, n_columns)
+
     @property
     def stretch(self) -> int | None:
         """Samples of a stretch, where recordings are not rolled out as a whole."""
@@ -239,7 +226,8 @@ class Search:
         """
         windows, recordings = set(), self.base.recordings
         if self.known is not None and len(self.known.estimate.laws.coef) == n_modes:
-            yield self.alternation(self.known.model, self.known.estimate.laws.free, recordings)
+            model = within(copy(self.known.model), self.guard, self.estimator)
+            yield self.alternation(model, self.known.estimate.laws.free, recordings)
         stretches = self.settings.stretches if n_modes != 1 else self.settings.stretches[:1]
         if (part := part_of(self.given)) is not None:
             options = self.settings, self.told, self.surfaces, None, self.knowledge
@@ -352,6 +340,7 @@ class Search:
         """The estimator fitted to derivatives, and which of its coefficients are sought."""
         # known=None: a wrong tie would leave the start without modes
         asked = clone(self.estimator).set_params(n_modes=n_modes, known=None)
+        asked = within(asked, self.guard, self.estimator)
         start = start_from(asked, base, self.names)
         n_positions = self.given.n_channels if self.order == 2 else 0
         start.coef_, possible = law_of_positions(start, base, n_positions)

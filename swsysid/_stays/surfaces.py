@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy, deepcopy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from sklearn.base import clone
 from swsysid._classifier import PolynomialSurfaceClassifier
 from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
+from swsysid._results import Array
 from swsysid._stays.descent import Reached, most_likely_with_guards
 from swsysid._stays.guards import Guards
+from swsysid._stays.laws import Features
 from swsysid._stays.monomials import needed_coefficients
 from swsysid._stays.samples import Samples, modes_of
 from swsysid._stays.settings import StaySettings
@@ -107,6 +110,42 @@ def with_few_monomials(
     other.surface_ = deepcopy(surface)
     _take(other.surface_, found)
     return other, found
+
+
+def through_crossings(
+    reached: Reached, monomials: Features, columns: Array, settings: StaySettings
+) -> tuple[Guards, float]:
+    """Surfaces that are sums of columns of coefficients of monomials, nearest to the crossings.
+
+    And the value that the next step of the estimate with them promises.
+    """
+    samples, crossings = Samples.of(reached.estimate), reached.estimate.crossings
+    guards, features = reached.estimate.guards, partial(_summed, monomials, columns)
+    assert guards is not None
+    values = features(samples.columns)
+    size = np.sqrt(np.square(values).mean(axis=0))
+    coef = np.zeros((len(guards.coef), columns.shape[1]))
+    crossed, switches = guards.crossed(crossings)
+    at = features(np.nan_to_num(crossings.columns[switches, : samples.columns.shape[1]]))
+    sliding = np.zeros(samples.modes.max(initial=0), dtype=np.int64)  # is on no side
+    for surface, own in enumerate(coef):
+        own[:] = np.linalg.svd(at[crossed == surface] / size)[2][-1] / size
+        signs = np.append(guards.mode_book[:, surface], sliding)[samples.modes]
+        own *= -1.0 if signs @ np.sign(values @ own) < 0.0 else 1.0
+    free = np.ones(coef.shape, dtype=bool)
+    told = Guards(coef, features, guards.spread, guards.mode_book, free).pivoted(crossings)
+    told = told.with_sides(*_sides(samples, reached, settings))
+    equations = reached.objective.normal_equations(replace(reached.estimate, guards=told))
+    return told, equations.value - equations.step(0.0)[1]
+
+
+def on_these(guards: Guards, reached: Reached, settings: StaySettings) -> Reached:
+    """The estimate on other surfaces, which are nearly right."""
+    return _placed(guards, reached, Samples.of(reached.estimate), settings, near=True)
+
+
+def _summed(monomials: Features, columns: Array, X: Array) -> Array:
+    return monomials(X) @ columns
 
 
 def _same_surface(full: Guards, guards: Guards, samples: Samples) -> Guards:

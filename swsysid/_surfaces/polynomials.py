@@ -3,8 +3,6 @@ r"""The features of a surface, in the coordinates in which it is fitted and in t
 A surface :math:`f(x) = a^\top \phi(x)` is one function; its coefficients depend on the
 coordinates. The bases of this file evaluate features in fitting coordinates, in which the
 margin LP is well scaled, and convert coefficients into the user's units exactly.
-
-What makes no sense as a parameter of such a surface is refused here, in one sentence each.
 """
 
 from __future__ import annotations
@@ -12,17 +10,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from copy import copy
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
-from swsysid._checks.arrays import numbers
-from swsysid._checks.parameters import flag, one_of, random_numbers, real, solver_name, whole
 from swsysid._data.coordinates import Extent, shifted_monomials
 from swsysid._data.features import FeatureMap, Monomials, check_degree
 from swsysid._results import Array
+from swsysid._surfaces.parameters import check_relevance, check_span
 
 
 class Basis(ABC):
@@ -138,26 +134,58 @@ class PolynomialBasis(Basis):
         return other
 
 
-class LibraryBasis(Basis):
-    """The columns of a feature library, scaled, and centred if one of them is constant."""
+class ScaledBasis(Basis):
+    """Features in units of their size, counted from their means if one of them is constant."""
 
-    def __init__(self, library, X: Array, weight: Array, standardize: bool):
-        self.map = FeatureMap(library, X, [f"x{column}" for column in range(X.shape[1])])
-        features = self.map(X)
+    def scale_by(self, features: Array, weight: Array, standardize: bool) -> None:
+        """Take centre and scale of features (n_samples, n_features), if they are standardised."""
         n_features = features.shape[1]
         self.centre, self.scale = np.zeros(n_features), np.ones(n_features)
         self.constant: tuple[int, float] | None = None
         if standardize:
             self._standardize(features, weight)
 
+    def scaled(self, features: Array) -> Array:
+        """Features in fitting coordinates."""
+        return (features - self.centre) / self.scale
+
+    def unscaled(self, coef: Array) -> Array:
+        """Coefficients (n_surfaces, n_features) of the features themselves."""
+        # sum_k b_k (phi_k - m_k) / s_k: the constant column absorbs -sum_k b_k m_k / s_k.
+        user = np.asarray(coef / self.scale)
+        if self.constant is not None:
+            column, value = self.constant
+            user[:, column] -= user @ self.centre / value
+        return user
+
+    def _standardize(self, features: Array, weight: Array) -> None:
+        centre, spread = _centre_and_scale(features, weight)
+        varies = _varies(features)
+        constants = np.flatnonzero(~varies & (features[0] != 0.0))
+        if constants.size:
+            self.constant = (int(constants[0]), float(features[0, constants[0]]))
+            self.centre[varies] = centre[varies]
+            self.scale[varies] = spread[varies]
+            return
+        size = np.sqrt(np.average(features**2, axis=0, weights=weight))
+        self.scale = np.where(size > 0.0, size, 1.0)
+
+
+class LibraryBasis(ScaledBasis):
+    """The columns of a feature library, scaled, and centred if one of them is constant."""
+
+    def __init__(self, library, X: Array, weight: Array, standardize: bool):
+        self.map = FeatureMap(library, X, [f"x{column}" for column in range(X.shape[1])])
+        self.scale_by(self.map(X), weight, standardize)
+
     def __call__(self, X):
-        return (self.map(X) - self.centre) / self.scale
+        return self.scaled(self.map(X))
 
     def at_rows(self, X):
-        return (self.map.at_rows(X) - self.centre) / self.scale
+        return self.scaled(self.map.at_rows(X))
 
     def at(self, point):
-        return (self.map.at(point) - self.centre) / self.scale
+        return self.scaled(self.map.at(point))
 
     def of_user(self, X):
         return self.map(X)
@@ -180,27 +208,10 @@ class LibraryBasis(Basis):
         return self.map.powers
 
     def to_user(self, coef):
-        # sum_k b_k (phi_k - m_k) / s_k: the constant column absorbs -sum_k b_k m_k / s_k.
-        user = coef / self.scale
-        if self.constant is not None:
-            column, value = self.constant
-            user[:, column] -= user @ self.centre / value
-        return user
+        return self.unscaled(coef)
 
     def moved(self, offset):
         raise TypeError("a library of functions says nothing of columns that lie elsewhere.")
-
-    def _standardize(self, features: Array, weight: Array) -> None:
-        centre, spread = _centre_and_scale(features, weight)
-        varies = _varies(features)
-        constants = np.flatnonzero(~varies & (features[0] != 0.0))
-        if constants.size:
-            self.constant = (int(constants[0]), float(features[0, constants[0]]))
-            self.centre[varies] = centre[varies]
-            self.scale[varies] = spread[varies]
-            return
-        size = np.sqrt(np.average(features**2, axis=0, weights=weight))
-        self.scale = np.where(size > 0.0, size, 1.0)
 
 
 class RelevantBasis(Basis):
@@ -255,20 +266,71 @@ class RelevantBasis(Basis):
         return other
 
 
+class SpannedBasis(ScaledBasis):
+    """Some sums of the columns of another basis in the user's units, scaled; centred if possible.
+
+    Column k of `span` has the coefficients of the k-th sum. Sums are centred where one of them is
+    constant on the data, which takes up what that changes.
+    """
+
+    def __init__(self, basis: Basis, span: Array, X: Array, weight: Array, standardize: bool):
+        self.basis, self.span = basis, span
+        self.scale_by(basis.of_user(X) @ span, weight, standardize)
+
+    def at_rows(self, X):
+        return self.scaled(self.basis.at_rows(X) @ self.span)
+
+    def at(self, point):
+        return self.scaled(self.basis.at(point) @ self.span)
+
+    def of_user(self, X):
+        return self.basis.of_user(X)
+
+    def of_relevance(self, X):
+        return self.basis.of_relevance(X)
+
+    def names(self, inputs):
+        return self.basis.names(inputs)
+
+    def printed(self, coef, inputs):
+        return self.basis.printed(coef, inputs)
+
+    @property
+    def sizes(self):
+        return self.basis.sizes
+
+    @property
+    def exponents(self):
+        return self.basis.exponents
+
+    def to_user(self, coef):
+        return self.basis.to_user(self.unscaled(coef) @ self.span.T)
+
+    def moved(self, offset):
+        other = copy(self)
+        other.basis = self.basis.moved(offset)
+        return other
+
+
 def surface_basis(
-    degree: int, library, X: Array, weight: Array, *, standardize: bool, relevance=None
+    degree: int, library, X: Array, weight: Array, *, standardize: bool, relevance=None, span=None
 ) -> Basis:
-    """The basis of a surface: monomials unless there is a library, all columns or relevant ones."""
+    """The basis of a surface: monomials unless there is a library; all, relevant ones or sums."""
+    if span is not None:
+        if relevance is not None:
+            raise ValueError("relevance and span exclude each other; leave one of them out.")
+        basis = surface_basis(degree, library, X, weight, standardize=False)
+        return SpannedBasis(basis, check_span(span, len(basis.sizes)), X, weight, standardize)
     origin = Extent.of(X).centre if standardize else None
     standardize = standardize and relevance is None
-    basis: Basis = (
+    basis = (
         PolynomialBasis(degree, X, weight, standardize, origin)
         if library is None
         else LibraryBasis(library, X, weight, standardize)
     )
     if relevance is None:
         return basis
-    return RelevantBasis(basis, _check_relevance(relevance, len(basis.sizes)), X, weight)
+    return RelevantBasis(basis, check_relevance(relevance, len(basis.sizes)), X, weight)
 
 
 def _centre_and_scale(X: Array, weight: Array) -> tuple[Array, Array]:
@@ -283,44 +345,7 @@ def _varies(X: Array) -> np.ndarray:
     return np.ptp(X, axis=0) > 10.0 * np.finfo(float).eps * np.abs(X).max(axis=0)
 
 
-class Parameters(Protocol):
-    """The parameters of a `PolynomialSurfaceClassifier`, which says what they mean."""
-
-    degree: int
-    margin: float | str
-    beta: float | str
-    coef_bound: float
-    mode_book: str | ArrayLike
-    standardize: bool
-    solver: str
-    random_state: int | np.random.RandomState | None
-
-
-def check_parameters(classifier: Parameters) -> None:
-    """Refuse parameters of `PolynomialSurfaceClassifier` that no data could make sense of."""
-    whole("degree", classifier.degree, least=0)
-    real("margin", classifier.margin, above=0, also=("auto",))
-    real("beta", classifier.beta, least=0, also=("auto",))
-    real("coef_bound", classifier.coef_bound, above=0)
-    if isinstance(classifier.mode_book, str):
-        one_of("mode_book", classifier.mode_book, ("auto", "pairwise"))
-    flag("standardize", classifier.standardize)
-    solver_name(classifier.solver)
-    random_numbers(classifier.random_state)
-
-
-def _check_relevance(relevance: ArrayLike, n_features: int) -> Array:
-    """Relevance of the surface features as an array."""
-    if isinstance(relevance, str):
-        raise ValueError(
-            f"relevance={relevance!r}; give None or {n_features} numbers between 0 and 1."
-        )
-    checked = numbers("relevance", relevance)
-    if checked.shape != (n_features,) or not ((checked >= 0) & (checked <= 1)).all():
-        raise ValueError(
-            f"relevance has shape {checked.shape}; give a number between 0 and 1 for each of the "
-            f"{n_features} surface features."
-        )
-    if not checked.any():
-        raise ValueError("relevance is 0 for every surface feature; one must be left.")
-    return checked
+def plain_basis(degree: int, library, n_columns: int) -> Basis:
+    """The features of surfaces of so many columns, in the user's units."""
+    row = np.zeros((1, n_columns))
+    return surface_basis(degree, library, row, np.ones(1), standardize=False)

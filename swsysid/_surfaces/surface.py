@@ -184,7 +184,8 @@ def is_linear(surface: object) -> TypeGuard[LinearSurface]:
 def takes_relevance(surface: object) -> bool:
     """True if a classifier can be told which features matter, and was not told."""
     # One that is not to standardise is the paper's program to the letter.
-    return option(surface, "relevance", ()) is None and bool(option(surface, "standardize", True))
+    told = [option(surface, name, ()) is not None for name in ("relevance", "span")]
+    return not any(told) and bool(option(surface, "standardize", True))
 
 
 def is_movable(surface: object) -> TypeGuard[MovableClassifier]:

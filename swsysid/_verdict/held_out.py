@@ -30,8 +30,9 @@ from swsysid._verdict.comparison import Split
 from swsysid._verdict.memory import NamedRows, memory
 from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import Terms
-from swsysid.refinement._parameters import ParametrizedPlant, grid_of, substeps_for
+from swsysid.refinement._parameters import ParametrizedPlant, grid_of
 from swsysid.refinement._rollout_score import start_of
+from swsysid.refinement._trajectories import substeps_for
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import truth_values
 from swsysid._data.trajectories import spread
+from swsysid._known.known import Known
 from swsysid._noise import robust_scale
 from swsysid._results import Array, Status
 from swsysid._simulation.model import FittedModel, SwitchingModel, fitted_system
 from swsysid._stays.output_error import OutputError, Rollouts
 from swsysid._stays.rollouts import modes_at
+from swsysid.refinement._known import Followers, RefinedFit, region_of
 from swsysid.refinement._parameters import (
     Parametrization,
     ParametrizedPlant,
@@ -22,9 +24,8 @@ from swsysid.refinement._parameters import (
     fitted_and_free,
     grid_of,
     output_of,
-    substeps_for,
 )
-from swsysid.refinement._result import RefinementResult, robust_covariance
+from swsysid.refinement._result import RefinementResult, errors_of, robust_covariance
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._trajectories import (
     Observed,
@@ -34,6 +35,7 @@ from swsysid.refinement._trajectories import (
     first_states,
     observed_states,
     read_trajectories,
+    substeps_for,
 )
 
 _N_SEGMENTS = 32  # a segment is a thirty-second of the data, ...
@@ -65,15 +67,18 @@ class Estimation:
         noise: ArrayLike | None = None,
         linear: bool = False,
         joined: bool = True,
+        known: Known | None = None,
+        left_out: frozenset[int] = frozenset(),
         frozen: bool = False,
         integrated: Callable[[], object] = int,
     ):
         fitted = fitted_system(model)
         self.model, self.loss, self.joined = model, loss, joined
         self.system = system = System(fitted, output_of(model))
-        chosen = _free(model, fitted, free)
+        self.region = region_of(known, fitted, left_out)
+        laws = Followers.of(self.region, fitted.coef, _free(model, fitted, free))
         self.parameters, self.of_segments = (
-            Parametrization(system, chosen, surface, frozen) for surface in (fit_surface, False)
+            Parametrization(system, laws, surface, frozen) for surface in (fit_surface, False)
         )
         if not frozen and not len(self.parameters):
             raise ValueError("no parameter is free; free a coefficient or name a parameter.")
@@ -235,6 +240,41 @@ class Estimation:
         whole = self._begun(self._whole)
         return whole.slopes_of_parameters, whole.without_starts(whole.misfit[:, None])[:, 0]
 
+    def fit_beside(
+        self, refined: FittedModel, touched: NDArray[np.bool_],
+        again: Callable[[frozenset[int]], RefinedFit],
+    ) -> RefinedFit:  # fmt: skip
+        """The refined model with all coefficients free of which anything is known."""
+        coef = self.parameters.at(self.found.vector).coef
+        free = self.parameters.split(self.parameters.free | self.parameters.following)[0] | touched
+        system, surface = System(fitted_system(refined), output_of(refined)), self.parameters.free
+        fit_surface = bool(self.parameters.split(surface)[2].any())
+        parameters = Parametrization(system, Followers.of(None, coef, free), fit_surface)
+        plant = ParametrizedPlant(system, parameters, self.spread, self.observed)
+        rollouts = replace(self.found.problem, plant=plant).begun(
+            parameters.start, self.found.starts, self.found
+        )
+        root = np.sqrt(rollouts.weight)[:, None]
+        both = np.column_stack([rollouts.slopes_of_parameters, self.found.misfit])
+        both[:, -1:] = rollouts.without_starts(both[:, -1:])
+        n_coef, n_unknowns = int(free.sum()), len(self.found.vector) + self.found.starts.size
+        beside = np.linalg.qr(root * both[:, n_coef:-1])[0]
+        own = root * np.delete(both, np.s_[n_coef:-1], axis=1)
+        own -= beside @ (beside.T @ own)
+        return RefinedFit(coef, free, own[:, :-1], own[:, -1], self._as_one, n_unknowns, again)
+
+    @property
+    def _as_one(self) -> float:
+        """Residuals that count as one: how much larger variances are than those of white noise."""
+        slopes, found = self.found.slopes_of_parameters, self.found
+        covariance = self._covariance(found)
+        told = np.isfinite(np.diag(covariance))
+        slopes = np.sqrt(found.weight)[:, None] * slopes[:, told]
+        squares = float((found.weight * np.square(found.misfit)).sum())
+        freedom = max(1, len(found.misfit) - len(found.vector) - found.starts.size)
+        ratio = np.einsum("ij,jk,ik->", slopes, covariance[np.ix_(told, told)], slopes)
+        return max(1.0, float(ratio) * freedom / max(squares * told.sum(), 1e-300))
+
     def _starts_poorly(self, whole: Rollouts) -> bool:
         """True if whole rollouts of the given model are worse than the mean of the channels."""
         if not self.joined:
@@ -274,9 +314,9 @@ class Estimation:
         tried = [whole, problem.begun(self.start, found.starts, found), found]
         costs = [problem.value(one) for one in tried]
         best = 2 if costs[2] < min(costs[:2]) else 0
+        self.found = tried[best]
         covariance = self._covariance(tried[best])
-        errors = np.zeros(len(parameters.values))
-        errors[parameters.free] = np.sqrt(np.diag(covariance))
+        errors = errors_of(parameters.by_vector, covariance)
         names = parameters.names
         segments = Segments.of(self.records, self.guess, self._whole)
         model = parameters.apply(self.model, tried[best].vector)

@@ -26,13 +26,9 @@ from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.rollouts import nowhere
 from swsysid._surfaces.surface import LinearForm, Surface, decisions_of, is_linear
+from swsysid.refinement._known import Followers
 from swsysid.refinement._stated import Output, ParametricLibrary, StatedModel
 
-# A step times the fastest rate of the model: the error of a Runge-Kutta step is its fifth power
-# over 120, 3e-6.
-_STEP_RATE = 0.2
-_MOST_SUBSTEPS = 50
-_MOST_ROWS = 500  # at which rates and sizes are looked at
 _STEP = 1e-6  # of a difference quotient, times the size of a parameter
 
 FAR = 1e100
@@ -155,24 +151,6 @@ def grid_of(
     return Recordings.of(parts, guess, held=held).divided(substeps).with_long_steps()
 
 
-def substeps_for(laws: Laws, columns: Array, duration: float) -> int:
-    """Runge-Kutta steps in a duration that the fastest rate of the laws asks for.
-
-    The rate is the spectral radius of the field's Jacobian that nine of ten points stay below, in
-    the fastest mode; a root or a kink may make it infinite at a few.
-    """
-    if laws.leaps:
-        return 1
-    rows = np.unique(np.linspace(0, len(columns) - 1, _MOST_ROWS).astype(int))
-    rate, columns = 0.0, columns[rows]
-    for mode in laws.modes:
-        slopes = np.nan_to_num(laws.linear(mode, columns)[1].transpose(2, 1, 0))
-        radius = np.abs(np.linalg.eigvals(slopes)).max(axis=1)
-        rate = max(rate, float(np.quantile(radius, 0.9)))
-    steps = np.ceil(duration * rate / _STEP_RATE)
-    return int(np.clip(steps, 1, _MOST_SUBSTEPS))
-
-
 def _decisions_as_guards(surface: Surface, spread: Array) -> Guards:
     """Between every two classes a surface where their decisions are equal."""
     n = len(surface.classes_)
@@ -210,7 +188,7 @@ class Parametrization:
     def __init__(
         self,
         system: System,
-        free_coef: NDArray[np.bool_],
+        laws: Followers,
         fit_surface: bool,
         frozen: bool = False,
     ):
@@ -226,11 +204,16 @@ class Parametrization:
         if surface.size:
             free_surface[np.arange(len(surface)), np.abs(surface).argmax(axis=1)] = False
         self.named, self.surface_shape = list(named), surface.shape
-        coef = np.ravel(self.system.coef)
+        coef, self.followers = np.ravel(laws.coef), laws
         self.values = np.concatenate([coef, list(named.values()), surface.ravel()]).astype(float)
-        every = [free_coef.ravel(), np.ones(len(named), dtype=bool), free_surface.ravel()]
+        every = [laws.free.ravel(), np.ones(len(named), dtype=bool), free_surface.ravel()]
         self.free = np.concatenate(every) & (not frozen)
+        self.following = np.zeros(len(self.values), dtype=bool)
+        self.following[: coef.size] = laws.following.ravel() & (not frozen)
         self.low, self.high = np.full((2, len(self.values)), np.array([[-np.inf], [np.inf]]))
+        self.low[: coef.size][laws.free.ravel()], self.high[: coef.size][laws.free.ravel()] = (
+            laws.bounds
+        )
 
     def split(self, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Coefficients, named parameters and surfaces of values (..., n_values), as views."""
@@ -252,7 +235,19 @@ class Parametrization:
         """All values for those that are free."""
         every = self.values.copy()
         every[self.free] = vector
+        if self.following.any():
+            moved = (every - self.values)[: self.followers.free.size]
+            every[self.following] += self.followers.by @ moved[self.followers.free.ravel()]
         return every
+
+    @property
+    def by_vector(self) -> Array:
+        """Derivatives of all values by those that are free, (n_values, n_free)."""
+        by = np.zeros((len(self.values), len(self)))
+        by[self.free, np.arange(len(self))] = 1.0
+        if self.following.any():
+            by[self.following, : self.followers.by.shape[1]] = self.followers.by
+        return by
 
     def at(self, vector: Array) -> Values:
         """All parameters for those that are free, (n_parameters,)."""
@@ -352,7 +347,8 @@ class ParametrizedPlant:
     def known(cls, model: SwitchingModel, spread: Array, n_outputs: int = 0) -> ParametrizedPlant:
         """A model of which nothing is free; of its first states so many are read."""
         system, nothing = System(model), np.zeros(model.coef.shape, dtype=bool)
-        parameters = Parametrization(system, nothing, False, frozen=True)
+        laws = Followers.of(None, model.coef, nothing)
+        parameters = Parametrization(system, laws, False, frozen=True)
         return cls(system, parameters, spread, np.arange(n_outputs))
 
     @property
@@ -364,12 +360,13 @@ class ParametrizedPlant:
     @property
     def by_parameters(self) -> Array:
         """Unknowns of laws and surfaces by the parameters."""
-        coef, _, surface = self.parameters.split(self.parameters.free)
-        own, n_coef, form = self.system.classes, int(coef.sum()), self.system.linear
-        number = (np.cumsum(coef.ravel()) - 1).reshape(coef.shape)[own]
-        places = np.append(number[coef[own]], np.arange(n_coef, len(self.parameters)))
-        by_parameters = np.zeros((len(places), len(self.parameters)))
-        by_parameters[np.arange(len(places)), places] = 1.0
+        given, every = self.parameters, np.arange(len(self.parameters.values))
+        varied, _, surface = given.split(given.free | given.following)
+        coef, *others = given.split(every)
+        own, form = self.system.classes, self.system.linear
+        beside = np.concatenate([one.ravel() for one in others]).astype(np.intp)
+        places = np.append(coef[own][varied[own]], beside[given.free[beside]])
+        by_parameters = given.by_vector[places]
         if surface.any() and form is not None:
             by_parameters[-surface.sum() :] /= form.scale[np.nonzero(surface)[0], None]
         return by_parameters
@@ -383,6 +380,7 @@ class ParametrizedPlant:
             for name, size, own in zip(self.parameters.named, start.tolist(), free[1], strict=True)
             if own
         }
+        varied = free[0] | self.parameters.split(self.parameters.following)[0]
         n_states, n_coef = self.system.n_states, int(free[0].sum())
         number = {name: n_coef + k for k, name in enumerate(sizes)}
         inside = [
@@ -391,7 +389,7 @@ class ParametrizedPlant:
             if self.system.output is not None
         ]
         return Parts(
-            self.system.laws(values, free[0], sizes, self.spread[:n_states]),
+            self.system.laws(values, varied, sizes, self.spread[:n_states]),
             self.system.guards(values.surface, free[2], self.spread),
             Sensor(lambda X: self.system.read(X, values.named)[:, self.observed], inside),
         )

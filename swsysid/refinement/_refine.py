@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
 from swsysid._checks.parameters import flag, one_of, verbosity, whole
+from swsysid._known.checks import KnownCheck, checks
+from swsysid._known.known import Known, known_laws
 from swsysid._rendering.progress import progress
 from swsysid._results import Array
 from swsysid._simulation.model import FittedModel
 from swsysid._stays.output_error import LOSSES
 from swsysid._whole_or_nothing import failing_in_words
 from swsysid.refinement._estimation import Estimation
+from swsysid.refinement._known import RefinedFit
 from swsysid.refinement._result import RefinementResult
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._trajectories import Observed, Recording
+
+_STAYS = "refine leaves surfaces as they are, or fits them with fit_surface=True"
 
 
 @runtime_checkable
@@ -47,6 +52,7 @@ def refine(
     input_hold: str = "zero",
     joined: bool = True,
     held_out: Recording | Iterable[Recording] | None = None,
+    known: Known | Sequence[str] | str | None = None,
     max_nfev: int = 100,
     verbose: int = 0,
 ) -> RefinementResult:
@@ -93,6 +99,10 @@ def refine(
     held_out : dict, Trajectory, or list of them, default=None
         Recordings that take no part. Where their rollouts become worse, the model is returned
         unchanged: what a law lacks is then taken up by numbers that mean something else.
+    known : Known or list of str, default=None
+        What is known of the laws: values, missing terms, ties, sums that are equal, bounds of
+        single coefficients. It holds exactly, from a start that is brought to it, and ``known`` of
+        the result says what the trajectories would rather have. Nothing of surfaces.
     max_nfev : int, default=100
         Largest number of batched integrations.
     verbose : int, default=0
@@ -121,22 +131,32 @@ def refine(
     """
     _check(loss, input_hold, max_nfev, segment_length)
     with progress(max_nfev, "integrations", bool(verbosity(verbose))) as bar:
-        estimation = Estimation(
-            _of_laws_alone(model),
-            trajectories,
-            observed=observed,
-            initial_states=initial_states,
-            segment_length=segment_length,
-            loss=loss,
-            fit_surface=flag("fit_surface", fit_surface),
-            free=free,
-            bounds=bounds,
-            noise=noise,
-            linear=input_hold == "linear",
-            joined=flag("joined", joined),
-            integrated=bar.update,
-        )
+        stated, told = _of_laws_alone(model), known_laws(known, _STAYS)
+
+        def asked(left_out: frozenset[int] = frozenset()) -> Estimation:
+            return Estimation(
+                stated,
+                trajectories,
+                observed=observed,
+                initial_states=initial_states,
+                segment_length=segment_length,
+                loss=loss,
+                fit_surface=flag("fit_surface", fit_surface),
+                free=free,
+                bounds=bounds,
+                noise=noise,
+                linear=input_hold == "linear",
+                joined=flag("joined", joined),
+                known=told,
+                left_out=left_out,
+                integrated=bar.update,
+            )
+
+        estimation = asked()
         result = estimation.refined(max_nfev)
+        if told is not None:
+            checked = _checked(estimation, result, asked, max_nfev)
+            result = replace(result, known=checked)
         if held_out is not None and result.improved:
             before, after = (
                 Estimation(
@@ -213,6 +233,27 @@ def initial_states(
 
 def _of_laws_alone(model: FittedModel | Stateable) -> FittedModel:
     return model.stated() if isinstance(model, Stateable) else model
+
+
+def _checked(
+    estimation: Estimation,
+    result: RefinementResult,
+    asked: Callable[[frozenset[int]], Estimation],
+    max_nfev: int,
+) -> tuple[KnownCheck, ...]:
+    """What trajectories would rather have of each thing known."""
+    region = estimation.region
+    assert region is not None
+    done = {frozenset[int](): (estimation, result)}
+
+    def fit(left_out: frozenset[int]) -> RefinedFit:
+        if left_out not in done:
+            other = asked(left_out)
+            done[left_out] = other, other.refined(max_nfev)
+        other, refined = done[left_out]
+        return other.fit_beside(refined.model, region.touched, fit)
+
+    return checks(fit(frozenset()), region)
 
 
 def _check(loss, input_hold, max_nfev, segment_length) -> None:

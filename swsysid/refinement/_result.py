@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._known.checks import KnownCheck, blamed
 from swsysid._results import Array, Status
 from swsysid._simulation.model import FittedModel
 from swsysid._stays.arrow import pseudo_inverse
@@ -25,7 +26,8 @@ class RefinementResult:
         A copy with the refined parameters; labels of its training samples are not touched. Its
         ``simulate(..., n_draws=)`` gives bands, unless named parameters are free.
     names : list of str
-        Names of the free parameters: coefficients, named parameters, surface coefficients.
+        Names of the free parameters: coefficients, named parameters, surface coefficients. Those
+        that what is known lets follow others are not among them.
     values : ndarray of shape (n_parameters,)
         Their estimates.
     covariance : ndarray of shape (n_parameters, n_parameters)
@@ -48,6 +50,8 @@ class RefinementResult:
         What to do about it.
     held_out_before, held_out_after : ndarrays of shape (n_held_out, n_outputs) or None
         As `rmse_before` and `rmse_after`, on recordings that took no part.
+    known : tuple of KnownCheck
+        For each thing known what the trajectories would rather have, with its p-value.
     """
 
     model: FittedModel
@@ -67,6 +71,7 @@ class RefinementResult:
     advice: str
     held_out_before: Array | None = None
     held_out_after: Array | None = None
+    known: tuple[KnownCheck, ...] = ()
 
     @property
     def standard_errors(self) -> Array:
@@ -111,7 +116,16 @@ class RefinementResult:
             for k, (before, after) in enumerate(zip(*errors, strict=True)):
                 pairs = ", ".join(f"{b:.4g} -> {a:.4g}" for b, a in zip(before, after, strict=True))
                 lines.append(f"rollout error of {what} {k}: {pairs}")
-        return "\n".join([*lines, self.advice])
+        lines += [f"known: {one}" for one in self.known]
+        return "\n".join([*lines, blamed(self.known) or self.advice])
+
+
+def errors_of(by: Array, covariance: Array) -> Array:
+    """Standard errors of sums, infinite where nothing tells a part of them."""
+    told = np.isfinite(np.diag(covariance))
+    block, own = covariance[np.ix_(told, told)], by[:, told]
+    errors = np.sqrt(np.einsum("vk,kl,vl->v", own, block, own))
+    return np.where((by[:, ~told] != 0.0).any(axis=1), np.inf, errors)
 
 
 def robust_covariance(

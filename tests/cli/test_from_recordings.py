@@ -160,9 +160,14 @@ def test_what_is_known_holds_and_is_asked(tmp_path, capsys):
     assert "x' = 1.000000 v" in text and "- 0.300000 v" in text
     assert "Known: x' = v: not contradicted" in text
     assert "Known: v'[v] = -0.3: the data would rather have v'[v] = -0.2" in text
+    sentences = tmp_path / "known.txt"  # what is known of a wrong law comes back as an effect
+    sentences.write_text("# a spring without friction\nv' has no v\n\n", encoding="utf-8")
+    sought = ["--diagnose", "--effects", "polynomial"]
+    text = text_of([*arguments, f"@{sentences}", *sought], capsys)
+    assert "Polynomial of v in v'" in text and "with:    x' = 1.000 v" in text
     for wrong, said in (
         (["v'[u] = 1"], "the terms are 1, x, v"),
-        (["x' = x", "--diagnose"], "goes"),
+        ([f"@{tmp_path}/none.txt"], "cannot be read"),
     ):
         assert main([*arguments, *wrong]) == 2
         assert said in capsys.readouterr().err

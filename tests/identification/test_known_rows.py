@@ -124,6 +124,21 @@ def test_what_makes_no_sense_is_refused():
         SwitchingSystemRegressor(known="x' = v", coef_bound=3.0).fit(X, Xdot)
     with pytest.raises(ValueError, match="leaves modes nothing to differ in"):
         SwitchingSystemRegressor(known=["x' = v", "v' same in all modes"]).fit(X, Xdot)
-    many = np.zeros((60_000, 2)) + np.arange(60_000)[:, None]
-    with pytest.raises(ValueError, match="known holds for up to"):
-        SwitchingSystemRegressor(known="x0' = x1").fit(many, many)
+    blocks = [np.ones((30_000, 2))] * 2
+    with pytest.raises(ValueError, match="give arrays in place of blocks"):
+        SwitchingSystemRegressor(known="x0' = x1").fit(blocks, blocks)
+
+
+def test_rows_may_be_many():
+    X, Xdot, modes = rows(60_000)
+    known = ["x' = v", "v'[v] same in all modes", "v'[u] = 0.5", "guard x >= 0"]
+    found = SwitchingSystemRegressor(known=known, random_state=0).fit(X, Xdot)
+    assert np.mean(found.modes_ == modes) in (0.0, 1.0)
+    coef = found.coef_[np.argsort(-found.coef_[:, 1, 0])]
+    np.testing.assert_array_equal(coef[:, 0], COEF[:, 0])
+    assert coef[0, 1, 1] == pytest.approx(coef[1, 1, 1], abs=1e-9)
+    # 0.3 / sqrt(20,000) of noise, four standard errors
+    np.testing.assert_allclose(coef[:, 1], COEF[:, 1], atol=0.009)
+    passes = SwitchingSystemRegressor(known="guard x >= 0", random_state=0).fit(X, Xdot)
+    assert (passes.surface_.coef_[:, [0, 2, 3]] == 0.0).all()
+    assert np.mean(passes.modes_ == modes) in (0.0, 1.0)

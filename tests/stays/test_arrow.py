@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
-from swsysid._stays.arrow import Arrow
+from swsysid._known.program import Steps
+from swsysid._stays.arrow import Arrow, CornerWithin
 
 SIZE, N_BLOCKS, N_CORNER = 2, 6, 3
 N_BAND = SIZE * N_BLOCKS
@@ -70,3 +71,26 @@ def test_a_matrix_that_is_not_positive_has_no_factor():
     arrow, whole = blocks()
     with pytest.raises(LinAlgError):
         arrow.factor(least=-2.0 * np.diag(whole)[N_BAND:])
+
+
+def test_what_is_positive_but_for_the_steps_it_is_within_is_said_at_once():
+    # three unknowns of one sum, a matrix of rank one but for rounding: which of many such matrices
+    # have a factor as a whole and none within a step is a matter of the machine
+    nothing, told_late = (np.zeros((0, 3)), np.zeros(0)), 0
+    for seed in range(3000):
+        rng = np.random.default_rng(seed)
+        row = rng.integers(1, 9, (1, 3)).astype(float) / rng.integers(1, 9)
+        matrix = row.T @ row
+        matrix[np.diag_indices(3)] *= 1.0 + 4e-16 * rng.integers(0, 3, 3)
+        held = Steps(rng.integers(1, 5, (1, 3)).astype(float), np.zeros(1), *nothing)
+        try:
+            corner = CornerWithin(matrix, held)
+        except LinAlgError:
+            continue
+        try:
+            corner.check()
+        except LinAlgError:
+            told_late += 1
+        else:
+            assert np.isfinite(corner.over(np.eye(3))).all()
+    assert told_late
