@@ -110,7 +110,8 @@ MOST_LINES = {
     "_verdict": 1710,
     "top": 4090,
 }
-# a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`
+# a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,
+# `refinement/_known`, `_surfaces/parameters`
 MOST_FILES = 423
 MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
