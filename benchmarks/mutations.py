@@ -16,7 +16,7 @@ first, until one fails, for at most ``BUDGET`` seconds of theirs. What happens i
 
 Results are kept beside ``--work`` as they come, and a run that was stopped goes on. With ``--docs``
 the table goes into ``docs/mutations_table.md``, with the reasons that stand in
-``benchmarks/results/mutations.json`` beside changes that no test could notice.
+``benchmarks/mutations_unnoticed.json`` beside changes that no test could notice.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from time import perf_counter
 from benchmarks.markdown import table
 
 ROOT = Path(__file__).parents[1]
-REASONS = ROOT / "benchmarks/results/mutations.json"
+REASONS = ROOT / "benchmarks/mutations_unnoticed.json"
 BUDGET = 60.0  # seconds of tests for one change
 # Rooms, their tests, and of a large room the files that are its likelihood.
 ROOMS = {

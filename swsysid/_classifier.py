@@ -135,20 +135,10 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
     """
 
     def __init__(
-        self,
-        degree=2,
-        *,
-        margin=_DEFAULT_MARGIN,
-        beta="auto",
-        coef_bound=10.0,
-        mode_book="auto",
-        standardize=True,
-        feature_library=None,
-        relevance=None,
-        span=None,
-        solver="auto",
-        random_state=None,
-    ):
+        self, degree=2, *, margin=_DEFAULT_MARGIN, beta="auto", coef_bound=10.0, mode_book="auto",
+        standardize=True, feature_library=None, relevance=None, span=None, solver="auto",
+        random_state=None
+    ):  # fmt: skip
         self.degree = degree
         self.margin = margin
         self.beta = beta
@@ -245,7 +235,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def class_posterior(self, X):
         """Probability of every class from all surfaces that the data allow and training errors."""
-        return self._posterior(self._features(X))
+        features = self._features(X)
+        return self._posterior(features)
 
     def use_likelihood(self, X, log_likelihood, sample_weight=None):
         """Let `predict_proba` know how sure the labels are; the surfaces stay as they are.
@@ -263,7 +254,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def surface_features(self, X):
         """The user's own monomials (or columns of the library), (n_samples, n_surface_features)."""
-        return self._basis.of_user(rows_of(self, X))
+        X = rows_of(self, X)
+        return self._basis.of_user(X)
 
     def surface_values_at(self, point):
         """Values of all surfaces at one point, shape (n_surfaces,), without checks."""
@@ -274,7 +266,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
         ``sum_l max(0, margin - s_jl f_l(x))``; with weights and `complexity_` the LP's objective.
         """
-        return self.fitted_surfaces.penalty(self.surface_values(X))
+        values = self.surface_values(X)
+        return self.fitted_surfaces.penalty(values)
 
     @property
     def powers(self):
@@ -394,7 +387,8 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
         }
 
     def _features(self, X):
-        return self._basis(rows_of(self, X))
+        X = rows_of(self, X)
+        return self._basis(X)
 
     def _class_decisions(self, values):
         return decisions(values, self.mode_book_, self._surface_scale)

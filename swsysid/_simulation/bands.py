@@ -73,7 +73,7 @@ def drawn(mean: Array, covariance: Array, n_draws: int, numbers: np.random.Rando
     --------
     >>> numbers = np.random.RandomState(0)
     >>> both = drawn(np.array([5.0, 1.0, 7.0]), np.array([[4.0, 2.0], [2.0, 1.0]]), 1000, numbers)
-    >>> bool(np.allclose(both[:, 0] - 5.0, 2.0 * (both[:, 1] - 1.0))), both[:, 2].std()
+    >>> bool(np.allclose(both[:, 0] - 5.0, 2.0 * (both[:, 1] - 1.0))), float(both[:, 2].std())
     (True, 0.0)
     """
     variances = np.diag(covariance)

@@ -52,7 +52,8 @@ class Followers:
         start = region.nearest(start, chosen, np.diag(1.0 / np.square(sizes)))
         steps = region.steps(start, chosen)
         basis = steps.basis
-        order = qr(basis.T, mode="r", pivoting=True)[-1][: basis.shape[1]]
+        first = np.linspace(1.0 + _ROUNDING**0.5, 1.0, len(basis))  # of equal ones
+        order = qr((first[:, None] * basis).T, mode="r", pivoting=True)[-1][: basis.shape[1]]
         sought = np.zeros(len(basis), dtype=bool)
         sought[order] = True
         basis = basis @ np.linalg.inv(basis[sought])

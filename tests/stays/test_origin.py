@@ -10,7 +10,7 @@ from swsysid import (
     TrajectoryIdentifier,
 )
 from swsysid._results import IdentificationWarning
-from swsysid._stays.certainty import errors_of
+from swsysid._stays.certainty import errors_by, slopes_of
 from swsysid._stays.given import read_given
 from swsysid._stays.origin import Origin
 from swsysid.refinement import StatedModel, StatedSurface
@@ -69,7 +69,7 @@ def test_errors_of_a_law_told_elsewhere():
     covariance = np.array([[4.0, 1.0], [1.0, 2.0]])
     change = np.array([[1.0, 0.0], [-3.0, 1.0]])
     places = (np.zeros(2, int), np.zeros(2, int), np.arange(2))
-    errors = errors_of((1, 1, 2), places, covariance, change)
+    errors = errors_by(slopes_of((1, 1, 2), places, change), covariance)
     np.testing.assert_allclose(errors, np.sqrt([[[4.0 - 6.0 + 18.0, 2.0]]]))
 
 
