@@ -89,7 +89,7 @@ golden: $(VENV)/.installed-bench
 	$(BIN)/python -W ignore -m benchmarks.golden --jobs $(WORKERS) --compare benchmarks/golden/frozen
 
 golden-quick: $(VENV)/.installed-bench
-	$(BIN)/python -W ignore -m benchmarks.golden --part quick --jobs $(WORKERS) \
+	$(BIN)/python -W ignore -m benchmarks.golden --part quick $(GOLDEN) --jobs $(WORKERS) \
 		--compare benchmarks/golden/frozen
 
 $(OLDEST)/.installed: pyproject.toml tests/helpers/lower_bounds.py

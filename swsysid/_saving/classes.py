@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from inspect import signature
@@ -79,8 +79,12 @@ _MODULE_OF = {
 # Which metadata a user asks for, what `load_model` says, and what only a fit needs, are no part of
 # what a model knows.
 _LEFT_OUT = ("_metadata_request", "recording_", "_declared", "_recordings", "checkpoint")
-# Attributes of records by the names that they had in files of earlier versions.
-_ONCE_CALLED = {("Records", "told"): "decoded_modes"}
+# Attributes of records by the names that they had in files of earlier versions, and what their
+# values are called today.
+_ONCE_CALLED: dict[tuple[str, str], tuple[str, Callable[[object], object]]] = {
+    ("Records", "told"): ("decoded_modes", lambda modes: modes),
+    ("FreeRollouts", "unit"): ("in_noise", "the noise".__eq__),
+}
 _PACKAGE = __name__.partition(".")[0] + "."
 
 
@@ -139,12 +143,11 @@ def made(kind: type, state: dict[str, object]) -> object:
     class does not have are a TypeError or a ValueError.
     """
     if is_dataclass(kind) or issubclass(kind, tuple):
-        return kind(
-            **{
-                _ONCE_CALLED.get((kind.__name__, name), name): value
-                for name, value in state.items()
-            }
-        )
+        today = {}
+        for name, value in state.items():
+            known_as, read = _ONCE_CALLED.get((kind.__name__, name), (name, None))
+            today[known_as] = value if read is None else read(value)
+        return kind(**today)
     if not issubclass(kind, BaseEstimator):
         return _with_attributes(object.__new__(kind), state)
     known = signature(kind).parameters

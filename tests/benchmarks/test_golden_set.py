@@ -12,6 +12,7 @@ from benchmarks.golden.files import FROZEN, load, save
 from benchmarks.golden.kinds import KINDS, line
 from benchmarks.golden.record import answered, estimate, fingerprint, short
 from benchmarks.golden.tables import told
+from swsysid import load_model
 
 RECORD = {
     "cell": ["contact", 0.01, 4, "told", 1],
@@ -203,3 +204,9 @@ def test_every_quick_cell_is_frozen_and_nothing_that_is_not_asked(kind):
 def test_the_frozen_folder_stays_small():
     size = sum(file.stat().st_size for file in FROZEN.rglob("*") if file.is_file())
     assert size < 1.5e6
+
+
+@pytest.mark.parametrize("file", sorted((FROZEN / "models").glob("*.json")), ids=lambda f: f.stem)
+def test_models_that_were_kept_then_are_read_today(file):
+    report = getattr(load_model(file), "report_", None)
+    assert report is None or str(report)

@@ -121,7 +121,7 @@ def test_ci_fails_when_a_step_fails(tmp_path):
     script = tmp_path / ".ci" / "run"
     script.write_bytes((ROOT / ".ci" / "run").read_bytes())
     script.chmod(0o755)
-    targets = ("docs-offline", "lint", "test")
+    targets = ("docs-offline", "golden-quick", "lint", "test")
     for broken, code in (*((target, 2) for target in targets), ("nothing", 0)):
         rules = (f"{t}:\n\t{'false' if t == broken else 'true'}\n" for t in targets)
         makefile = f".PHONY: {' '.join(targets)}\n" + "".join(rules)
