@@ -214,7 +214,38 @@ class LibraryBasis(ScaledBasis):
         raise TypeError("a library of functions says nothing of columns that lie elsewhere.")
 
 
-class RelevantBasis(Basis):
+class DerivedBasis(Basis):
+    """Columns made of those of another basis, whose features are the user's own."""
+
+    basis: Basis
+
+    def of_user(self, X):
+        return self.basis.of_user(X)
+
+    def of_relevance(self, X):
+        return self.basis.of_relevance(X)
+
+    def names(self, inputs):
+        return self.basis.names(inputs)
+
+    def printed(self, coef, inputs):
+        return self.basis.printed(coef, inputs)
+
+    @property
+    def sizes(self):
+        return self.basis.sizes
+
+    @property
+    def exponents(self):
+        return self.basis.exponents
+
+    def moved(self, offset):
+        other = copy(self)
+        other.basis = self.basis.moved(offset)
+        return other
+
+
+class RelevantBasis(DerivedBasis):
     """Some columns of another basis in the user's units, scaled by their relevance.
 
     That is the root mean square that each column gets; columns of relevance 0 are left out.
@@ -235,38 +266,13 @@ class RelevantBasis(Basis):
     def at(self, point):
         return self.basis.at(point)[self.kept] * self.scale
 
-    def of_user(self, X):
-        return self.basis.of_user(X)
-
-    def of_relevance(self, X):
-        return self.basis.of_relevance(X)
-
-    def names(self, inputs):
-        return self.basis.names(inputs)
-
-    def printed(self, coef, inputs):
-        return self.basis.printed(coef, inputs)
-
-    @property
-    def sizes(self):
-        return self.basis.sizes
-
-    @property
-    def exponents(self):
-        return self.basis.exponents
-
     def to_user(self, coef):
         user = np.zeros((*coef.shape[:-1], self.n_columns))
         user[..., self.kept] = coef * self.scale
         return self.basis.to_user(user)
 
-    def moved(self, offset):
-        other = copy(self)
-        other.basis = self.basis.moved(offset)
-        return other
 
-
-class SpannedBasis(ScaledBasis):
+class SpannedBasis(DerivedBasis, ScaledBasis):
     """Some sums of the columns of another basis in the user's units, scaled; centred if possible.
 
     Column k of `span` has the coefficients of the k-th sum. Sums are centred where one of them is
@@ -283,33 +289,8 @@ class SpannedBasis(ScaledBasis):
     def at(self, point):
         return self.scaled(self.basis.at(point) @ self.span)
 
-    def of_user(self, X):
-        return self.basis.of_user(X)
-
-    def of_relevance(self, X):
-        return self.basis.of_relevance(X)
-
-    def names(self, inputs):
-        return self.basis.names(inputs)
-
-    def printed(self, coef, inputs):
-        return self.basis.printed(coef, inputs)
-
-    @property
-    def sizes(self):
-        return self.basis.sizes
-
-    @property
-    def exponents(self):
-        return self.basis.exponents
-
     def to_user(self, coef):
         return self.basis.to_user(self.unscaled(coef) @ self.span.T)
-
-    def moved(self, offset):
-        other = copy(self)
-        other.basis = self.basis.moved(offset)
-        return other
 
 
 def surface_basis(

@@ -29,14 +29,19 @@ from swsysid._tables.tdms import read_tdms
 from swsysid._tables.ulog import read_ulog
 
 Reader = Callable[[Path, Sequence[Path]], Iterator[Table]]
+Signals = Mapping[str, NDArray]
 
 
 class Format(NamedTuple):
-    """A reader, the extra whose package it calls, and which files with its ending are its own."""
+    """A reader, the extra whose package it calls, and which files with its ending are its own.
+
+    What is run to be read has a reader for signals that drive it.
+    """
 
     read: Reader
     extra: str = ""
     claims: Callable[[Path, Sequence[Path]], bool] = lambda path, described: True
+    driven: Callable[[Signals], Reader] | None = None
 
 
 def _has_database(path: Path, described: Sequence[Path]) -> bool:
@@ -63,7 +68,7 @@ FORMATS: dict[str, tuple[Format, ...]] = {
     ".trc": (Format(read_bus, "can"),),
     ".asc": (_BUS,),
     ".log": (_BUS,),
-    UNIT: (Format(read_fmu, "fmu"),),
+    UNIT: (Format(read_fmu, "fmu", driven=lambda signals: partial(read_fmu, signals=signals)),),
 }
 DATABASES = (".dbc",)  # what the frames of a bus mean
 
@@ -90,7 +95,7 @@ def read_tables(
     path: Path,
     missing: Sequence[str] = (),
     described: Sequence[Path] = (),
-    signals: Mapping[str, NDArray] | None = None,
+    signals: Signals | None = None,
 ) -> list[Table]:
     """The tables of a file: one of text, spreadsheets and arrays, one for each clock of a logger.
 
@@ -101,7 +106,7 @@ def read_tables(
     if own is None:
         return [read_table(path, None, missing)]
     try:
-        read = partial(read_fmu, signals=signals) if own.read is read_fmu else own.read
+        read = own.read if own.driven is None or signals is None else own.driven(signals)
         tables = list(read(path, described))
     except ModuleNotFoundError as error:
         raise TableError(

@@ -14,6 +14,7 @@ from swsysid._known.known import Known
 from swsysid._noise import robust_scale
 from swsysid._results import Array, Status
 from swsysid._simulation.model import FittedModel, SwitchingModel, fitted_system
+from swsysid._stays.certainty import errors_by, propagated
 from swsysid._stays.output_error import OutputError, Rollouts
 from swsysid._stays.rollouts import modes_at
 from swsysid.refinement._known import Followers, RefinedFit, region_of
@@ -25,7 +26,7 @@ from swsysid.refinement._parameters import (
     grid_of,
     output_of,
 )
-from swsysid.refinement._result import RefinementResult, errors_of, robust_covariance
+from swsysid.refinement._result import RefinementResult, robust_covariance
 from swsysid.refinement._stated import StatedModel
 from swsysid.refinement._trajectories import (
     Observed,
@@ -316,7 +317,7 @@ class Estimation:
         best = 2 if costs[2] < min(costs[:2]) else 0
         self.found = tried[best]
         covariance = self._covariance(tried[best])
-        errors = errors_of(parameters.by_vector, covariance)
+        errors = errors_by(parameters.by_vector.T, covariance)
         names = parameters.names
         segments = Segments.of(self.records, self.guess, self._whole)
         model = parameters.apply(self.model, tried[best].vector)
@@ -363,9 +364,7 @@ def _of_all(parameters: Parametrization, covariance: Array) -> Array | None:
     """That of `SwitchingModel.parameters`, which has no parameters with names; None with these."""
     if parameters.named:
         return None
-    every = np.zeros((len(parameters.values), len(parameters.values)))
-    every[np.ix_(parameters.free, parameters.free)] = covariance
-    return every
+    return propagated(parameters.by_vector.T, covariance)
 
 
 def _free(model: FittedModel, system: SwitchingModel, free: ArrayLike | None) -> NDArray[np.bool_]:

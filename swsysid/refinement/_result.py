@@ -120,14 +120,6 @@ class RefinementResult:
         return "\n".join([*lines, blamed(self.known) or self.advice])
 
 
-def errors_of(by: Array, covariance: Array) -> Array:
-    """Standard errors of sums, infinite where nothing tells a part of them."""
-    told = np.isfinite(np.diag(covariance))
-    block, own = covariance[np.ix_(told, told)], by[:, told]
-    errors = np.sqrt(np.einsum("vk,kl,vl->v", own, block, own))
-    return np.where((by[:, ~told] != 0.0).any(axis=1), np.inf, errors)
-
-
 def robust_covariance(
     slopes: Array,
     residuals: Array,

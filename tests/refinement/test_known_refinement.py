@@ -35,6 +35,9 @@ def test_ties_and_values_hold_and_make_errors_smaller():
     np.testing.assert_array_equal(coef[:, 0], [[0.0, 1.0]] * 2)
     assert coef[0, 1, 1] == pytest.approx(coef[1, 1, 1], abs=1e-14)
     assert sure[0, 1, 1] == pytest.approx(sure[1, 1, 1], rel=1e-9)
+    # bands of rollouts are drawn from the covariance of all, ties included
+    both = found.model.covariance_[np.ix_([3, 7], [3, 7])]
+    np.testing.assert_allclose(both, sure[0, 1, 1] ** 2, rtol=1e-9)
     assert found.names == ["mode 0: v', x", "mode 0: v', v", "mode 1: v', x"]
     assert (np.abs(coef - SOFTER) <= 4.0 * sure + 1e-12).all()
     assert (sure[:, 1] < free.coef_standard_errors[:, 1]).all()
