@@ -93,7 +93,8 @@ class _Identification:
         order, units = options.measurement.order, samples.units
         library = terms.library(samples.X.shape[1])
         regressor = options.regressor(options.modes, verbose=0, feature_library=library)
-        asked, settings = options.measurement.input_hold, StaySettings().joined(False)
+        # nodes that are tied loosely, as in fits over stretches, make up for an input that steps
+        settings, asked = StaySettings(), options.measurement.input_hold
         self.holds = holds_of(given, regressor, order, asked, settings)
         given = given.held(self.holds)
         self.held_out = HeldOutTrajectories(given, split, self._fitted, order, units)
