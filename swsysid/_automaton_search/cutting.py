@@ -118,10 +118,8 @@ class Cutting:
         with Search.quietly():
             if self.estimator.n_modes != "auto":
                 return self._of(self._with_modes(self.estimator.n_modes))
-            search = self.first.search
-            found, self.candidates = fewest_modes(
-                self._with_modes, self._merged, search.counts, search.base.noise
-            )
+            counts = self.first.search.counts
+            found, self.candidates = fewest_modes(self._with_modes, self._merged, counts)
             return self._of(found)
 
     def again(self, cut: Cut, jumps: list[NDArray[np.intp]]) -> Cut:
@@ -164,7 +162,7 @@ class Cutting:
     def _further(self, now: Cut) -> Cut | None:
         """With the jumps that its own laws see, if that is better."""
         usual = now.search.usual_excess(now.stays)
-        if usual > _MOST_USUAL_EXCESS:  # laws say nothing yet
+        if usual > _MOST_USUAL_EXCESS or not now.stays.reached.is_joined:  # laws say nothing yet
             return None
         more = hidden_jumps(now.stays, now.pieces, len(now.jumps), self.settings)
         jumps = [np.union1d(*both).astype(np.intp) for both in zip(now.jumps, more, strict=True)]

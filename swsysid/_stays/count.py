@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from swsysid._results import Array
-from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
+from swsysid._stays.identification import StayIdentification, counted_as_one
 from swsysid._stays.samples import misfits, modes_of
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.stays import Stays
@@ -136,19 +136,17 @@ def fewest_modes(
     identified: Callable[[int, StayIdentification | None], StayIdentification],
     merged: Callable[[StayIdentification], StayIdentification | None],
     counts: Sequence[int],
-    noise: Array,
 ) -> tuple[StayIdentification, list[CountCandidate]]:
     """The number at which another mode no longer pays, and one fewer does not either.
 
-    One more is tried while one might pay, and where the best leaves more than noise one beyond: of
-    the four modes of two heaters a third explains little. Then two modes become one as long as that
-    is better: the answer with too many may have parted what one with fewer has not found.
-    `identified` is given a number and the answer of the number before, `merged` an answer.
+    One more is tried while one might pay; an answer whose nodes no descent has joined says nothing
+    of that, as that with three modes of the four that two heaters have. Then two modes become one
+    as long as that is better: the answer with too many may have parted what one with fewer has not
+    found. `identified` is given a number and the answer of the number before, `merged` an answer.
     """
     found: list[StayIdentification] = []
     asked: list[int] = []
     candidates: list[CountCandidate] = []
-    in_vain = 0
     for n_modes in counts:
         if found and is_exact(found[-1]):
             break
@@ -156,9 +154,10 @@ def fewest_modes(
         asked.append(n_modes)
         candidates = criteria(asked, found)
         gone = len(found[-1].estimate.laws.coef) < n_modes
-        best = int(first_least([one.criterion for one in candidates]))
-        in_vain = 0 if best == len(found) - 1 and not gone else in_vain + 1
-        if n_modes > 2 and in_vain and (in_vain > 1 or leaves_noise(found[best].reached, noise)):
+        worse = candidates[-1].criterion > min(
+            (one.criterion for one in candidates[:-1]), default=np.inf
+        )
+        if n_modes > 2 and (gone or worse) and found[-1].reached.is_joined:
             break
     while True:
         best = int(first_least([one.criterion for one in candidates]))

@@ -116,7 +116,7 @@ class Search:
         with self.quietly():
             if self.estimator.n_modes == "auto":
                 found, self.candidates = fewest_modes(
-                    self.with_modes, self.with_one_fewer, self.counts, self.base.noise
+                    self.with_modes, self.with_one_fewer, self.counts
                 )
                 return found
             return self.with_modes(self.estimator.n_modes)
