@@ -92,10 +92,9 @@ class _Identification:
         given = read_given(*recorded.named(samples.names, slice(None)))
         order, units = options.measurement.order, samples.units
         library = terms.library(samples.X.shape[1])
-        regressor = options.regressor(options.modes, verbose=0, feature_library=library)
+        model = options.regressor(options.modes, verbose=0, feature_library=library)
         # nodes that are tied loosely, as in fits over stretches, make up for an input that steps
-        settings, asked = StaySettings(), options.measurement.input_hold
-        self.holds = holds_of(given, regressor, order, asked, settings)
+        self.holds = holds_of(given, model, order, options.measurement.input_hold, StaySettings())
         given = given.held(self.holds)
         self.held_out = HeldOutTrajectories(given, split, self._fitted, order, units)
         self.judge = Judge(self.held_out, terms)
