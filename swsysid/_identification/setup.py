@@ -125,10 +125,7 @@ def checked_rows(
         blocks = row_blocks(X, y, sample_weight, groups, read_at_once=read_at_once)
         names, one_target = columns_of_blocks(X, y)
         validate_data(estimator, names)
-    # what is known joins modes and equations, which summaries of rows keep apart
-    at_once = _knows_laws(estimator) and not holds_blocks(X)
-    most_rows = settings.whole if blocks.n_rows is None or not at_once else blocks.n_rows
-    sample = draw_sample(blocks, settings.sampled, most_rows)
+    sample = draw_sample(blocks, settings.sampled, settings.whole)
     return TrainingRows(blocks, sample).without_factor(), one_target
 
 
@@ -184,20 +181,10 @@ def _known_laws(
     return laws
 
 
-def _knows_laws(estimator: Parameters) -> bool:
-    known = check_known(estimator.known)
-    return known is not None and known.of_laws is not None
-
-
 def build_search(
     estimator: Parameters, rows: CanonicalRows, sample: Sample | None = None
 ) -> Search:
     """How to look for the answer on the canonical rows, of all data or of a sample of them."""
-    if _knows_laws(estimator) and not (sample is None or sample.is_everything):
-        raise ValueError(
-            "known holds for rows that are in memory at once; give arrays in place of blocks, or "
-            "fewer rows."
-        )
     return Search(estimator, _resolve_init(estimator, rows, sample), rows.arrays[2])
 
 

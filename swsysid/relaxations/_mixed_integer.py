@@ -68,7 +68,7 @@ def solve_mip(
 
     :math:`B_{ik} = |\dot x_{ik}| + \eta \|\Phi(x_i)\|_1` is the largest residual that the
     coefficient bound :math:`\eta` allows; :math:`\ell \le A c \le u` is what is `known` of all
-coefficients c. Modes are numbered in the order of their first sample.
+    coefficients c. Modes are numbered in the order of their first sample.
 
     Parameters
     ----------
