@@ -44,7 +44,7 @@ from swsysid._data.trajectories import group_labels
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
 from swsysid._identification.within import KnownGuard, KnownLaws
-from swsysid._known.known import Known, check_known
+from swsysid._known.known import Known, check_known, refuse_energies
 from swsysid._losses import get_loss
 from swsysid._results import Array
 from swsysid._seeding.search import same_partition
@@ -172,6 +172,8 @@ def _known_laws(
         return None
     if estimator.coef_bound is not None:
         raise ValueError("known and coef_bound exclude each other; bound coefficients in known.")
+    if estimator.discrete_time:
+        refuse_energies(laws.known)
     region = laws.region(2 if estimator.n_modes == "auto" else int(estimator.n_modes))
     if region.is_of_one_law:
         raise ValueError(

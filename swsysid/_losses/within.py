@@ -67,7 +67,7 @@ def least_within(
     2.5
     """
     if loss == "l1":
-        return _absolute(blocks, steps, start)
+        return steps.cut(lambda some: _absolute(blocks, some, start))
     coef = _squares(blocks, steps, [one.weight for one in blocks], smooth)
     n_samples = max((int(one.rows.max(initial=-1)) for one in blocks), default=-1) + 1
     for _ in range(_TURNS if loss == "l2" and n_samples else 0):
