@@ -60,7 +60,7 @@ class Region:
                 modes = range(names.n_modes)
                 cones = tuple((number, sentence.cone(names, mode)) for mode in modes)
                 region = replace(region, cones=region.cones + cones)
-                region = region._faced()
+                region = region.faced()
                 fixed, values = region.fixed
                 bent = sentence.bent(names) & ~(fixed & (values == 0.0))
                 if bent.any():
@@ -72,7 +72,7 @@ class Region:
         region.check(np.zeros(names.shape), np.ones(names.shape, dtype=bool))
         return region
 
-    def _faced(self) -> Region:
+    def faced(self) -> Region:
         """The same with what cones say in rows: nothing on their diagonal is positive.
 
         Where other rows keep it at zero all of its row of the matrix is zero: with x' = v an energy
@@ -81,17 +81,17 @@ class Region:
         region = self
         for number, cone in self.cones:
             diagonal = np.einsum("kkmsf->kmsf", cone)
-            region = region._and(number, diagonal, -np.inf)
-        while (one := region._zero_diagonal()) is not None:
+            region = region.with_rows(number, diagonal, -np.inf)
+        while (one := region.zero_diagonal()) is not None:
             place, zero = one
             number, cone = region.cones[place]
             cones = [*region.cones]
             cones[place] = number, cone[~zero][:, ~zero]
             faces = cone[zero].reshape(-1, *region.names.shape)
-            region = replace(region, cones=tuple(cones))._and(number, faces, 0.0)
+            region = replace(region, cones=tuple(cones)).with_rows(number, faces, 0.0)
         return replace(region, cones=tuple(one for one in region.cones if len(one[1]) > 1))
 
-    def _zero_diagonal(self) -> tuple[int, NDArray[np.bool_]] | None:
+    def zero_diagonal(self) -> tuple[int, NDArray[np.bool_]] | None:
         """Which cone has zeros on its diagonal that rows tell, and which they are."""
         told, values = self.fixed
         for place, (_, cone) in enumerate(self.cones):
@@ -103,7 +103,7 @@ class Region:
                 return place, zero
         return None
 
-    def _and(self, number: int, rows: Array, lower: float) -> Region:
+    def with_rows(self, number: int, rows: Array, lower: float) -> Region:
         """With rows lower <= rows c <= 0 of a sentence, those that say something."""
         rows = rows[(rows != 0.0).any(axis=(1, 2, 3))]
         return replace(
@@ -119,7 +119,7 @@ class Region:
         for number, cone in self.cones:
             reached = self._reached(cone, coef)
             rows = np.einsum("ik,ijmsf,jk->kmsf", reached, cone, reached)
-            region = region._and(number, rows, -np.inf)
+            region = region.with_rows(number, rows, -np.inf)
         return region
 
     def n_bent(self, number: int, coef: Array) -> int:
