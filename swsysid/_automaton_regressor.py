@@ -97,7 +97,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         discrete time every row acts.
     known : Known or list of str, default=None
         What is known of the laws before, as for `TrajectoryIdentifier`. In discrete time terms
-        have names such as ``x0[k]``, and it is not asked.
+        have names such as ``x0[k]``.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.

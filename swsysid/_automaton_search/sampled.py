@@ -44,10 +44,12 @@ from swsysid._discrete_stays.identify import (
     parted,
     with_guards,
 )
+from swsysid._discrete_stays.knowledge import checked
 from swsysid._discrete_stays.lagged import KnownGuard
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._journal import step
+from swsysid._known.checks import KnownCheck
 from swsysid._known.known import Known, refuse_energies
 from swsysid._results import Array
 from swsysid._stays.given import Given
@@ -98,15 +100,19 @@ def identified(
     known: Known | None = None,
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
-    stays = identify_stays(
-        given.records,
-        lags,
-        library=library,
-        n_modes=n_modes,
-        channels=given.names,
-        max_modes=max_modes,
-        known=known,
-    )
+
+    def again(left_out: frozenset[int]) -> DiscreteStays:
+        return identify_stays(
+            given.records,
+            lags,
+            library=library,
+            n_modes=n_modes,
+            channels=given.names,
+            max_modes=max_modes,
+            known=known.without(left_out) if known is not None else None,
+        )
+
+    stays = again(frozenset())
     told = _Told.of(ModeRows(stays, given), degree)
     most = max_modes if n_modes == "auto" else int(n_modes)
     for otherwise in (finer, parted):
@@ -117,7 +123,7 @@ def identified(
             again = _Told.of(ModeRows(other, given), degree)
             if follows_better(again.rollouts, told.rollouts):
                 told, stays = again, other
-    return told.answer()
+    return told.answer(checked(told.made.rows.stays, told.made.order, again))
 
 
 @dataclass(frozen=True)
@@ -151,7 +157,7 @@ class _Told:
         made = with_guards(guards)
         return cls(sure, made, *made.rolled_out(noise))
 
-    def answer(self) -> IdentifiedAutomaton:
+    def answer(self, known: tuple[KnownCheck, ...]) -> IdentifiedAutomaton:
         """All that is said of it."""
         made, sure, rows = self.made, self.sure, self.made.rows
         found, order, automaton, stays = made.found, made.order, made.automaton, rows.stays
@@ -171,6 +177,7 @@ class _Told:
             stays.candidates,
             int(stays.straddling.sum() - jumps - rows.n_made_anew),
             noises=sure.noises,
+            known=known,
         )
 
 

@@ -54,11 +54,15 @@ class DiscreteData:
 
     def region(self, n_modes: int) -> Region:
         """What is known of so many laws, in these units."""
+        unit = self.target_unit[:, None] / self.feature_unit
+        return self.region_of_user(n_modes).in_units(unit)
+
+    def region_of_user(self, n_modes: int) -> Region:
+        """The same in the units of the user."""
         assert self.known is not None, "something is known"
         equations = (name.removesuffix("[k]") for name in self.rows.names[: self.rows.n_states])
         terms = tuple(map(str, self.feature_map.names_out))
-        region = _region(self.known, tuple(equations), terms, n_modes)
-        return region.in_units(self.target_unit[:, None] / self.feature_unit)
+        return _region(self.known, tuple(equations), terms, n_modes)
 
     @cached_property
     def column_unit(self) -> Array:

@@ -152,6 +152,11 @@ class Known:
         """The same of rows without names, whose columns are called so here."""
         return replace(self, columns=tuple(names))
 
+    def without(self, left_out: frozenset[int]) -> Known:
+        """The same without sentences of some numbers."""
+        own = enumerate(self.sentences)
+        return replace(self, sentences=tuple(one for k, one in own if k not in left_out))
+
     def of_guard(self, left_out: frozenset[int] = frozenset()) -> Guard | None:
         """What it says of guards, some sentences left out; ValueError where that is two things."""
         own = [

@@ -94,8 +94,20 @@ def test_maps_are_held_to_it_and_closer_to_the_truth():
     off = [np.abs(one.coef_ - TRUTH) for one in (found, free)]
     assert (off[0] <= 4.0 * found.coef_errors_ + 1e-9).all()  # four standard errors
     assert (found.coef_errors_ <= 1.01 * free.coef_errors_).all()
-    assert (found.coef_errors_[:, 0, 2] == 0.0).all()
+    np.testing.assert_allclose(found.coef_errors_[:, 0, 2], 0.0, atol=1e-12)
     assert off[0].max() < off[1].max() / 2.0  # 2.1e-2 without
+
+
+def test_maps_are_asked_and_say_what_an_identification_without_would():
+    assert not any(check.questioned for check in sampled(TIES).known_)
+    found, free = sampled([*TIES[:1], "T'[W[k]] = 0.09"]), sampled(TIES[:1])
+    tied, wrong = found.known_
+    assert not tied.questioned and wrong.questioned and wrong.p_value < 1e-20
+    mode = int(wrong.name.removeprefix("T'[W[k]] in mode "))
+    value, error = free.coef_[mode, 0, 2], free.coef_errors_[mode, 0, 2]
+    assert abs(wrong.value - value) < 0.5 * error  # a step of Gauss and Newton from elsewhere
+    assert wrong.error == pytest.approx(error, rel=0.3)
+    assert "leave out or correct" in found.report_.advice
 
 
 def test_a_bound_of_maps_holds_and_what_was_found_changes_nothing():
@@ -111,3 +123,6 @@ def test_maps_without_noise():
     found = sampled(["W' same in all modes", "T'[1] >= 0.2"], noise=0.0)
     assert found.coef_[:, 0, 0].min() == pytest.approx(0.2, abs=1e-9)
     np.testing.assert_allclose(found.coef_[:, 1], TRUTH[:, 1], atol=1e-6)
+    same, bound = found.known_
+    assert not same.questioned and bound.questioned
+    assert bound.value == pytest.approx(0.1, abs=1e-6)
