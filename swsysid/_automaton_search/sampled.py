@@ -101,7 +101,7 @@ def identified(
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
 
-    def again(left_out: frozenset[int]) -> DiscreteStays:
+    def anew(left_out: frozenset[int]) -> DiscreteStays:
         return identify_stays(
             given.records,
             lags,
@@ -112,7 +112,7 @@ def identified(
             known=known.without(left_out) if known is not None else None,
         )
 
-    stays = again(frozenset())
+    stays = anew(frozenset())
     told = _Told.of(ModeRows(stays, given), degree)
     most = max_modes if n_modes == "auto" else int(n_modes)
     for otherwise in (finer, parted):
@@ -123,7 +123,7 @@ def identified(
             again = _Told.of(ModeRows(other, given), degree)
             if follows_better(again.rollouts, told.rollouts):
                 told, stays = again, other
-    return told.answer(checked(told.made.rows.stays, told.made.order, again))
+    return told.answer(checked(told.made.rows.stays, told.made.order, anew))
 
 
 @dataclass(frozen=True)
