@@ -132,6 +132,11 @@ class Known:
 
         Laws are linear in the states; of laws with constants it is the energy of the difference of
         two motions.
+
+        Examples
+        --------
+        >>> print(Known().dissipates("4 x^2 + v^2"))
+        energy 4 x^2 + v^2 never rises
         """
         return self._and(read(f"energy {energy} never rises"))
 
