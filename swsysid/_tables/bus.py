@@ -51,7 +51,9 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
             if frame.is_error_frame or frame.is_remote_frame:
                 continue
             try:
-                message = database.get_message_by_frame_id(frame.arbitration_id)
+                message = database.get_message_by_frame_id(
+                    frame.arbitration_id, force_extended_id=frame.is_extended_id
+                )
                 values = message.decode_simple(bytes(frame.data), decode_choices=False)
             except (KeyError, cantools.database.DecodeError):
                 unknown += 1

@@ -69,7 +69,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   `refinement`, `top`), and the command line draws from (`_cli`; it reads inputs of any format);
 # - units are driven by files (`_tables/fmu, several`);
 # - what the package of a format reads otherwise than the file says (`findings`) is read as it says:
-#   samples that are invalid (`_tables/mdf`), steps from line to line (`_tables/bus`);
+#   samples that are invalid (`_tables/mdf`), steps from line to line, flags of
+#   frames (`_tables/bus`);
 # - what free rollouts of most recordings go wrong at is named, and warned of where an automaton
 #   leaves its own (`_free_rollouts`, `_automaton_search`);
 # - what generated calls broke: a placed effect says what it cannot act on (`effects`), a rollout
@@ -108,7 +109,7 @@ MOST_LINES = {
     "_solvers": 1290,
     "_stays": 9660,
     "_surfaces": 2410,
-    "_tables": 2570,
+    "_tables": 2580,
     "_verdict": 1710,
     "top": 4090,
 }
