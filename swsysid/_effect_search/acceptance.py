@@ -166,15 +166,24 @@ def confirmed(
         worst = int(first_largest([one.p_value for one in findings]))
         if findings[worst].p_value <= context.significance:
             return structure, findings
-        refused.add(structure.terms[worst].signature)
-        options = [context.without(structure, worst), *without_terms(earlier, refused)]
-        structure = least_of(options, attrgetter("price"))
+        structure = without_refused(context, structure, worst, earlier, refused)
     return context.priced(context.declared), ()
 
 
-def without_terms(structures: Iterable[Structure], refused: set[tuple]) -> list[Structure]:
-    """Those structures that have none of some terms."""
-    return [one for one in structures if not refused & {term.signature for term in one.terms}]
+def without_refused(
+    context: SearchContext,
+    structure: Structure,
+    worst: int,
+    earlier: Iterable[Structure],
+    refused: set[tuple],
+) -> Structure:
+    """The cheapest of the structure without one term and of earlier ones without any `refused`.
+
+    That term is among those refused from now on.
+    """
+    refused.add(structure.terms[worst].signature)
+    before = [one for one in earlier if not refused & {term.signature for term in one.terms}]
+    return least_of([context.without(structure, worst), *before], attrgetter("price"))
 
 
 # -- one of several --------------------------------------------------------------------------------

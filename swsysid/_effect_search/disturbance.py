@@ -62,13 +62,6 @@ def _found(
     return added
 
 
-def _without(context: SearchContext, structure: Structure, group: tuple[int, ...]) -> Structure:
-    """A structure without several of its terms."""
-    for place in sorted(group, reverse=True):
-        structure = context.without(structure, place)
-    return structure
-
-
 @dataclass(frozen=True)
 class _Questions:
     """Which effects predict more than a force would that nobody knows."""
@@ -91,7 +84,7 @@ class _Questions:
             acts, gain, group = min(asked, default=(True, np.inf, ()))
             if acts and gain > least:
                 return structure
-            structure = _without(self.context, structure, group)
+            structure = self.context.without(structure, *group)
 
     def _worth(self, structure: Structure, group: tuple[int, ...]) -> tuple[bool, float]:
         """Whether effects may act at all, and their gain in log likelihood beside a disturbance.
@@ -99,7 +92,7 @@ class _Questions:
         It is less its error, and infinite where nothing would be remembered without them.
         """
         target = structure.terms[group[0]].target
-        fewer = _without(self.context, structure, group)
+        fewer = self.context.without(structure, *group)
         if not self.forces.remembers(fewer, target):
             return True, np.inf
         observed = self.forces.gain_of_observer(fewer, structure, target)

@@ -204,17 +204,12 @@ def _beyond_the_law(fit: JointFit, place: int, records: Records) -> Array:
 
 def _course(fit: JointFit, target: int, records: Records, targets: Array) -> dict[str, Array]:
     """A disturbance at the samples, as a smoother sees it."""
-    assert records.t is not None
-    order = np.concatenate(records.trajectories)
-    number = np.repeat(
-        np.arange(len(records.trajectories)), [len(rows) for rows in records.trajectories]
-    )
+    order, where = Stretches.of(records)
     left = (targets - fit.predict(records))[order, target]
-    where = Stretches(records.t[order], number)
     force, deviation = coloured(left, where).course(left, where)
     return {
-        "trajectory": number.astype(float),
-        "t": records.t[order],
+        "trajectory": where.stretch.astype(float),
+        "t": where.t,
         "contribution": force,
         "half_width": _QUANTILE * deviation,
     }

@@ -53,13 +53,11 @@ class Search:
 
     context: SearchContext
     max_effects: int = 5
-    n_jobs: int | None = None
-    verbose: int = 0
 
     @cached_property
     def unknowns(self) -> Unknowns | None:
         """Functions without a name, if they are looked for."""
-        return Unknowns.of(self.context, self.n_jobs, self.verbose)
+        return Unknowns.of(self.context)
 
     def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
         """Add effects until nothing significant is left, and keep those that remain significant."""
@@ -104,7 +102,8 @@ class Search:
         """Add effects until nothing significant is left."""
         structure, rounds = self.context.priced(self.context.declared), []
         unknowns = self.unknowns
-        with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
+        verbose = bool(self.context.verbose)
+        with progress(self.max_effects, "rounds of the search", verbose) as bar:
             while len(structure.terms) < self.max_effects:
                 step = self._addition(structure) or _unknown(unknowns, structure)
                 bar.update()
@@ -179,7 +178,7 @@ class Search:
         for trial in top:
             best_of_kind.setdefault(trial.candidate.effect.kind, trial.candidate)
         candidates = [*best_of_kind.values()]
-        return with_modes(self.context, current, candidates, self.n_jobs, self.verbose)
+        return with_modes(self.context, current, candidates)
 
     def _with_more_modes(self, current: Structure, base: CandidateContext) -> list[Structure]:
         """Structures with more modes, sought from the start and where a split of one suggests."""

@@ -34,11 +34,7 @@ def is_large(base: CandidateContext, best: Trial) -> bool:
 
 
 def with_modes(
-    context: SearchContext,
-    current: Structure,
-    candidates: Sequence[PlacedEffect],
-    n_jobs: int | None = None,
-    verbose: int = 0,
+    context: SearchContext, current: Structure, candidates: Sequence[PlacedEffect]
 ) -> list[Structure]:
     """The first candidate with the present modes, and all of them with modes sought anew."""
     terms, settings, first = current.terms, context.settings, candidates[0]
@@ -53,9 +49,9 @@ def with_modes(
         replace(candidate, mode=None, replaced=None)
         for candidate in candidates[: settings.n_restarts]
     ]
-    anew = Parallel(n_jobs=n_jobs)(
+    anew = Parallel(n_jobs=context.n_jobs)(
         delayed(context.structure)((*terms, candidate), modes, 1)
-        for candidate in tqdm(restarts, desc="modes anew", leave=False, disable=not verbose)
+        for candidate in tqdm(restarts, desc="modes anew", leave=False, disable=not context.verbose)
     )
     return [warm, *anew]
 

@@ -29,7 +29,6 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import alarms, listed_effects, read_recordings, read_rows
-from swsysid._effect_search.recorded_report import recorded_report
 from swsysid._effect_search.recorded_search import is_of_one_law, searched_recordings
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
@@ -277,7 +276,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         self.declared_estimator_ = self._handed_over(declared, measured)
         self.best_estimator_ = self._handed_over(final, measured)
         models = [*(self._regressor(one, measured.records) for one in ends), self.best_estimator_]
-        self.report_ = recorded_report(found, models, self._trajectory_names, self._alarms)
+        self.report_ = found.report(models, self._trajectory_names, self._alarms)
         self.effects_ = [*self.report_.effects]
         return final
 
@@ -290,37 +289,24 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         is another one: a record is read anew with it, if that tells more and then shows anything.
         """
         stated, (plain, final) = self._declared, fits
+        asked = self.cv, self.significance, self.n_jobs, self.verbose
+        choices = Choices(listed_effects(self.effects), *asked)
+
+        def searched(measured: Measured, plain: JointFit, most: int) -> Outcome:
+            return search_beside(self._declared, plain, measured, parts, rng, choices, most)
+
         if measured.records.decoded_modes is not None and self.max_effects:
-            first = self._search(measured, parts, plain, rng, 1).structure.fit
+            first = searched(measured, plain, 1).structure.fit
             self._declared, better = beside_effects(stated, measured, first)
             if better is not None and better.is_enough(parts):
                 start = better.fitted(self._declared, parts.of(better.rows).search)
-                found = self._search(better, parts, start, rng, self.max_effects)
+                found = searched(better, start, self.max_effects)
                 if found.structure.terms:
                     again = better.fitted(self._declared)
                     self.declared_estimator_ = self._handed_over(again, better)
                     return better, found, again
             self._declared = stated
-        found = self._search(measured, parts, plain, rng, self.max_effects)
-        return measured, found, final
-
-    def _search(
-        self,
-        measured: Measured,
-        parts: Split,
-        plain: JointFit,
-        rng: np.random.RandomState,
-        most: int,
-    ) -> Outcome:
-        """So many effects at most beside the declared model, fitted alone to the same rows."""
-        choices = Choices(
-            listed_effects(self.effects),
-            self.cv,
-            self.significance,
-            self.n_jobs,
-            self.verbose,
-        )
-        return search_beside(self._declared, plain, measured, parts, rng, choices, most)
+        return measured, searched(measured, plain, self.max_effects), final
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""

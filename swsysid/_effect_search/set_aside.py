@@ -20,11 +20,14 @@ from scipy import stats
 from sklearn.neighbors import NearestNeighbors
 
 from swsysid._data.records import Records
+from swsysid._data.trajectories import label_text
 from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.contents import RowsPlace, RowsSetAside, TimeInterval
 from swsysid._effect_search.folds import SearchData, memory_of
-from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._noise import robust_regression, robust_scale
 from swsysid._results import Array
+from swsysid._simulation.model import laws_of_mode
 
 Rows = NDArray[np.intp]
 _NOWHERE = np.empty(0, dtype=np.intp)
@@ -37,8 +40,29 @@ class Event:
     trajectory: int
     intervals: tuple[tuple[float, float], ...]  # from the first time to the last of each, in order
     n_aside: int  # rows set aside in them
-    share: float  # of the rows inside that are set aside
     coef: Array  # of the library, (n_states, n_features): the law of the usual mode and a change
+
+    def in_words(self, fit: JointFit, records: Records, names: NDArray | None) -> TimeInterval:
+        """As a report has it, the law by the names of the channels."""
+        laws = fit.laws
+        return {
+            "trajectory": label_text(self.trajectory if names is None else names[self.trajectory]),
+            "begin": self.intervals[0][0],
+            "end": self.intervals[-1][1],
+            "intervals": list(self.intervals),
+            "n_rows": self.n_aside,
+            "law": laws_of_mode(
+                self.coef[None],
+                0,
+                laws.feature_map,
+                REPORT.precision,
+                "text",
+                discrete_time=laws.discrete_time,
+                states=records.equations,
+                static=records.static,
+                columns=laws.column_names(records.names),
+            ),
+        }
 
 
 @dataclass(frozen=True)
@@ -61,6 +85,17 @@ class Whereabouts:
         """Whether the rows have a place of their own."""
         return self.separation >= 1.0 - SETTINGS.nowhere
 
+    def in_words(self, records: Records) -> RowsPlace | None:
+        """As a report has it, None if it is no place."""
+        if not self.is_a_place:
+            return None
+        return {
+            "channel": records.names[self.channel],
+            "interval": self.interval,
+            "n_rows": self.n_rows,
+            "others": self.others,
+        }
+
 
 @dataclass(frozen=True)
 class SetAside:
@@ -80,6 +115,21 @@ class SetAside:
     def is_event(self, significance: float) -> bool:
         """True if another law acts for some time, or at some times, and never else."""
         return self.p_value <= significance and self.event is not None
+
+    def in_words(
+        self, fit: JointFit, records: Records, significance: float, names: NDArray | None
+    ) -> RowsSetAside:
+        """As a report has it, of a fit; `names` are those of the trajectories."""
+        event = self.event if self.is_event(significance) else None
+        return {
+            "n_rows": len(self.rows),
+            "n_together": len(self.together),
+            "n_trajectories": self.n_trajectories,
+            "p_value": self.p_value,
+            "place": None if self.where is None else self.where.in_words(records),
+            "is_finding": self.is_finding(significance),
+            "time_interval": None if event is None else event.in_words(fit, records, names),
+        }
 
 
 def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> SetAside:
@@ -144,12 +194,12 @@ def _event(
     inside = np.concatenate(found)
     ends = sorted((float(records.t[part[0]]), float(records.t[part[-1]])) for part in found)
     n_aside, law = int(aside[inside].sum()), _law_inside(fit, data, targets, np.sort(inside))
-    return Event(trajectory, tuple(ends), n_aside, n_aside / len(inside), law)
+    return Event(trajectory, tuple(ends), n_aside, law)
 
 
 def _stretches_filled(rows: Rows, aside: NDArray[np.bool_], fewest: float) -> list[Rows]:
     """Stretches in which rows set aside outnumber the others, those with most of them first."""
-    best = _outnumbering(rows, aside)
+    best = rows[_highest_sum(np.where(aside[rows], 1.0, -1.0))]
     if aside[best].sum() < fewest:
         return []
     start = int(np.searchsorted(rows, best[0]))
@@ -158,11 +208,6 @@ def _stretches_filled(rows: Rows, aside: NDArray[np.bool_], fewest: float) -> li
         part for side in sides if len(side) for part in _stretches_filled(side, aside, fewest)
     ]
     return sorted([best, *others], key=lambda part: -int(aside[part].sum()))
-
-
-def _outnumbering(rows: Rows, aside: NDArray[np.bool_]) -> Rows:
-    """The stretch of some rows in which those set aside outnumber the others most."""
-    return rows[_highest_sum(np.where(aside[rows], 1.0, -1.0))]
 
 
 def _chance_of(found: list[Rows], each: list[Rows], aside: NDArray[np.bool_]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import prod
 
 import numpy as np
@@ -87,6 +87,8 @@ class SearchContext:
     data: SearchData
     declared: JointFit  # fitted to the rows of the search
     significance: float = 0.01  # largest probability of an addition by chance
+    n_jobs: int | None = None
+    verbose: int = 0
     kept: Columns = field(default_factory=dict, repr=False)  # of candidates on this record
     lately: Remembered[CandidateContext] = field(
         default_factory=lambda: Remembered(SETTINGS.n_lately), repr=False
@@ -183,11 +185,12 @@ class SearchContext:
         """A fit with the surface between all modes that the searched part of a recording tells."""
         return with_decoded_surface(fit, self.data.records, self.data.rows)
 
-    def without(self, structure: Structure, place: int) -> Structure:
-        """The structure without one of its terms."""
-        return self.answers.of(
-            structure, ("without", place), lambda: self._fitted_without(structure, place)
-        )
+    def without(self, structure: Structure, *places: int) -> Structure:
+        """The structure without some of its terms."""
+        for place in sorted(places, reverse=True):
+            fewer = partial(self._fitted_without, structure, place)
+            structure = self.answers.of(structure, ("without", place), fewer)
+        return structure
 
     def _fitted_without(self, structure: Structure, place: int) -> Structure:
         fit = structure.fit

@@ -38,21 +38,17 @@ class Unknowns:
 
     named: SearchContext
     shapes: SearchContext  # the same data, with smooth functions in the place of the effects
-    n_jobs: int | None = None
-    verbose: int = 0
     _tried: Remembered[Structure] = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # `_instead` of the terms of structures
 
     @classmethod
-    def of(
-        cls, context: SearchContext, n_jobs: int | None = None, verbose: int = 0
-    ) -> Unknowns | None:
+    def of(cls, context: SearchContext) -> Unknowns | None:
         """None where nobody asks for them."""
         if not any(isinstance(effect, UnknownFunction) for effect in context.usable):
             return None
         own = replace(context, effects=shapes(context.data.records), kept={})
-        return cls(context, own, n_jobs, verbose)
+        return cls(context, own)
 
     # -- structures --------------------------------------------------------------------------------
 
@@ -137,7 +133,7 @@ class Unknowns:
                 key = (trial.candidate.place, trial.candidate.target)
                 of_each.setdefault(key, trial.candidate)
         candidates = [best.candidate, *of_each.values()]
-        anew = with_modes(self.named, structure, candidates, self.n_jobs, self.verbose)
+        anew = with_modes(self.named, structure, candidates)
         return least_of(anew, attrgetter("price"))
 
     def as_rivals(self, structure: Structure, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
