@@ -132,7 +132,7 @@ def in_trajectories(data: SearchData) -> Stretches:
 
 def rows_in_order(data: SearchData) -> tuple[NDArray[np.intp], Stretches]:
     """The rows of a search in order, in the blocks of its tests, cut where the record has gaps."""
-    return Stretches.of(data.records.take(data.rows), data.settings.gap_steps, data.folds.blocks)
+    return Stretches.of(data.records.take(data.rows), SETTINGS.gap_steps, data.folds.blocks)
 
 
 @dataclass(frozen=True)

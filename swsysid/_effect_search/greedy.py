@@ -28,6 +28,7 @@ from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
 from swsysid._effect_search.scan import proposals
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._journal import offer, step
@@ -172,7 +173,7 @@ class Search:
             return []
         first = simplest(base, top)
         chance = n_candidates * base.p_value(first)
-        if not is_large(base, top[0]) and chance > self.context.settings.hopeful:
+        if not is_large(base, top[0]) and chance > SETTINGS.hopeful:
             return []
         best_of_kind = {first.candidate.effect.kind: first.candidate}
         for trial in top:
@@ -210,7 +211,7 @@ class Search:
         """Options without one more mode that is not far better than every effect with a name."""
         context, with_name = self.context, self._promising(current, options, n_candidates)
         limit = min(map(_price, with_name), default=np.inf)
-        limit -= context.settings.mode_gain_a_row * context.n_rows
+        limit -= SETTINGS.mode_gain_a_row * context.n_rows
         return [option for option in options if not option.adds_a_mode or option.price < limit]
 
     def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
@@ -229,7 +230,7 @@ class Search:
         """Every term in the light of the others."""
         if len(structure.terms) == 1:
             return structure
-        for _ in range(self.context.settings.n_questions):
+        for _ in range(SETTINGS.n_questions):
             before = [term.signature for term in structure.terms]
             for place in range(len(structure.terms)):
                 structure = self._agreed(structure, place)
@@ -239,7 +240,7 @@ class Search:
 
     def _agreed(self, best: Structure, place: int) -> Structure:
         """Question one term: scan at the modes found until effect and modes agree."""
-        for _ in range(self.context.settings.n_questions):
+        for _ in range(SETTINGS.n_questions):
             term = best.terms[place]
             base = self.context.candidates(best.fit, without=(place,))
             top, _ = self.context.scanned(base)
@@ -250,7 +251,7 @@ class Search:
                 break
             same = candidate.signature == term.signature
             tried = self.context.exchanged(best, place, candidate)
-            tie = self.context.settings.tie
+            tie = SETTINGS.tie
             lost = tie if candidate.n_parameters <= term.n_parameters else -tie
             if not same and tried.price > best.price + lost:
                 break  # the scan prefers another one, the whole does not, or not for its parameters

@@ -218,7 +218,7 @@ class HeldOutJudge:
 
     def _falls(self, before: JointFit, after: JointFit) -> Array:
         """By how much the squares of the errors of `_every` row fall from one fit to another."""
-        gross, rows = self.context.settings.gross, self._every
+        gross, rows = SETTINGS.gross, self._every
         sizes = [np.abs(self._errors(fit, rows)) / self._scale for fit in (before, after)]
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect

@@ -142,7 +142,7 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     errors = ((targets - fit.mode_velocities(data.records)) / scale)[:, rows][:, :, counted]
     best = np.argmin(np.sum(errors**2, axis=2), axis=0)
     errors = errors[best, np.arange(len(rows))]
-    far = np.any(np.abs(errors) > data.settings.gross, axis=1)
+    far = np.any(np.abs(errors) > SETTINGS.gross, axis=1)
     far &= ~data.may_stick(fit.terms, data.records, rows)  # no law of its motion acts there
     seen = data.records.take(rows)
     pairs = _neighbours(seen)
@@ -160,7 +160,7 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     # where rows have no order they were taken one by one
     count = len(together if seen.groups is None else np.unique(seen.groups[together]))
     event = _event(fit, data, targets, rows, together)
-    if event is not None and event.n_aside < data.settings.in_intervals * len(together):
+    if event is not None and event.n_aside < SETTINGS.in_intervals * len(together):
         # what lies at a place of its own in several trajectories belongs to the place
         event = event if count == 1 or not where.is_a_place else None
     return SetAside(rows[far], rows[together], count, chance, where, event)
@@ -170,7 +170,7 @@ def _event(
     fit: JointFit, data: SearchData, targets: Array, rows: Rows, together: Rows
 ) -> Event | None:
     """The stretches of a trajectory that rows set aside fill, None if they fill none."""
-    records, settings = data.records, data.settings
+    records = data.records
     if not records.timed:
         return None
     assert records.t is not None
@@ -180,14 +180,14 @@ def _event(
     # what neighbours remember of one error are no rows of their own
     left = fit.residuals(records, data.rows, data.targets)
     left = left[:, data.counted_states]
-    fewest = settings.fewest_in_interval * memory_of(records.take(data.rows), left)
+    fewest = SETTINGS.fewest_in_interval * memory_of(records.take(data.rows), left)
     each = [rows[judged[rows]] for rows in records.trajectories]
     filled = [_stretches_filled(own, aside, fewest) for own in each]
     trajectory = max(
         range(len(each)), key=lambda one: sum(aside[part].sum() for part in filled[one])
     )
     found = filled[trajectory]
-    while found and _chance_of(found, each, aside) > settings.same_event:
+    while found and _chance_of(found, each, aside) > SETTINGS.same_event:
         found = found[:-1]  # the shortest
     if not found:
         return None
@@ -232,7 +232,7 @@ def _law_inside(fit: JointFit, data: SearchData, targets: Array, inside: Rows) -
     usual = int(np.argmin(np.sum(np.abs(left), axis=(1, 2))))
     features, law = fit.features(data.records)[inside], fit.laws.coef[usual].copy()
     changing = np.ptp(features, axis=0) > 0.0
-    many = len(inside) >= data.settings.rows_a_column * features.shape[1]
+    many = len(inside) >= SETTINGS.rows_a_column * features.shape[1]
     used = fit.laws.support[usual] & (many | ~changing)
     for state in data.counted_states:
         if used[state].any():

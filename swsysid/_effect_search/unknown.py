@@ -88,7 +88,7 @@ class Unknowns:
         """True if it predicts held-out rows better by a standard error, and by more than a tie."""
         # The coefficients of a shape are those of other folds: there is no price to pay for them.
         gain, error = self._gain(option, than)
-        least = self.named.settings.tie + np.log(len(self.shapes.effects))
+        least = SETTINGS.tie + np.log(len(self.shapes.effects))
         return gain > max(error, least)
 
     def _gain(self, option: Structure, than: Structure) -> tuple[float, float]:
@@ -103,7 +103,7 @@ class Unknowns:
         trial, n_candidates = self._best(base)
         if trial is None:
             return None
-        hopeful = n_candidates * base.p_value(trial) <= context.settings.hopeful
+        hopeful = n_candidates * base.p_value(trial) <= SETTINGS.hopeful
         anew = fit.n_modes > 1 and (hopeful or is_large(base, trial))
         if anew:
             fit = self._with_modes(structure, base, trial).fit
@@ -111,7 +111,7 @@ class Unknowns:
             trial, n_more = self._best(base)
             if trial is None:
                 return None
-            n_candidates += n_more + context.settings.n_restarts
+            n_candidates += n_more + SETTINGS.n_restarts
         tried = context.structure((*fit.terms[:place], trial.candidate), fit.modes)
         tried = self._resolved(tried)
         if not is_promising(context, structure, tried, n_candidates):
@@ -151,9 +151,8 @@ class Unknowns:
         # A few blocks that hold all of a gain leave its error open; an effect's worth does not. And
         # several effects of a channel are to be worth their number beside one shape of it, as is
         # one more mode, which bends to anything.
-        settings = self.named.settings
         is_mode = isinstance(structure.terms[place].effect, StructureEffect)
-        worth = settings.mode_gain_a_row if is_mode else settings.gain_a_row
+        worth = SETTINGS.mode_gain_a_row if is_mode else SETTINGS.gain_a_row
         worth *= self.named.n_rows
         limit = min(error, worth) if len(group) == 1 and not is_mode else worth
         if gain > limit:
@@ -211,7 +210,7 @@ def _simplest(base: CandidateContext, trials: list[Trial]) -> Trial:
     best = trials[int(first_largest(gains))]
     of_one = [place for place, trial in enumerate(trials) if _n_arguments(trial) == 1]
     if _n_arguments(best) > 1 and of_one:
-        most = base.data.settings.gain_a_row * float(base.regression.weight.sum())
+        most = SETTINGS.gain_a_row * float(base.regression.weight.sum())
         if gains[of_one].max() > gains.max() - most:
             return _simplest(base, [trials[place] for place in of_one])
 
