@@ -144,10 +144,6 @@ class SlowForces:
         surely = p_value <= self.context.significance and self._is_slow(model, left)
         return (model, p_value) if surely else None
 
-    def is_there(self, structure: Structure, target: int) -> bool:
-        """Whether a structure surely leaves a force behind."""
-        return self.disturbance(structure, target) is not None
-
     def remembers(self, structure: Structure, target: int) -> bool:
         """Whether it leaves something behind that is remembered, and that no filter has made.
 
@@ -191,7 +187,7 @@ class SlowForces:
 
         Both are one where there is none.
         """
-        if not self.context.data.records.timed or not self.is_there(structure, target):
+        if not self.context.data.records.timed or self.disturbance(structure, target) is None:
             return 1.0, 1.0
         gain, more = self.gain(fewer, structure, target)
         by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))

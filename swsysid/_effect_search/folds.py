@@ -104,11 +104,6 @@ class SearchData:
             return np.zeros(len(rows), dtype=bool)
         return self.noise.hides(terms, records, rows)
 
-    @property
-    def decoded_modes(self) -> Rows | None:
-        """Modes of the rows that measured states show."""
-        return None if self.records.decoded_modes is None else self.records.decoded_modes[self.rows]
-
     def searched(self, records: Records) -> Records:
         """The samples of the record, or of one like it, that the search may look at."""
         return records if self.part is None else records.take(self.part)

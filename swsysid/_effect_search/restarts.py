@@ -40,7 +40,8 @@ def with_modes(
     """The first candidate with the present modes, and all of them with modes sought anew."""
     terms, first = current.terms, candidates[0]
     warm = context.structure((*terms, first), current.fit.modes)
-    modes = context.data.decoded_modes
+    known = context.data.records.decoded_modes
+    modes = None if known is None else known[context.data.rows]
     unchanged = np.mean(warm.fit.modes == current.fit.modes)
     # Modes that are told may be wrong together with those of the declared model: few rows are left
     # in the stays, and one that is wrong decides between two kinds.

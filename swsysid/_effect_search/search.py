@@ -289,24 +289,25 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         is another one: a record is read anew with it, if that tells more and then shows anything.
         """
         stated, (plain, final) = self._declared, fits
-        asked = self.cv, self.significance, self.n_jobs, self.verbose
-        choices = Choices(listed_effects(self.effects), *asked)
-
-        def searched(measured: Measured, plain: JointFit, most: int) -> Outcome:
-            return search_beside(self._declared, plain, measured, parts, rng, choices, most)
-
         if measured.records.decoded_modes is not None and self.max_effects:
-            first = searched(measured, plain, 1).structure.fit
+            first = self._search(measured, parts, plain, rng, 1).structure.fit
             self._declared, better = beside_effects(stated, measured, first)
             if better is not None and better.is_enough(parts):
                 start = better.fitted(self._declared, parts.of(better.rows).search)
-                found = searched(better, start, self.max_effects)
+                found = self._search(better, parts, start, rng, self.max_effects)
                 if found.structure.terms:
                     again = better.fitted(self._declared)
                     self.declared_estimator_ = self._handed_over(again, better)
                     return better, found, again
             self._declared = stated
-        return measured, searched(measured, plain, self.max_effects), final
+        found = self._search(measured, parts, plain, rng, self.max_effects)
+        return measured, found, final
+
+    def _search(self, measured: Measured, parts: Split, plain: JointFit, rng, most) -> Outcome:
+        """So many effects at most beside the declared model, fitted alone to the same rows."""
+        asked = self.cv, self.significance, self.n_jobs, self.verbose
+        choices = Choices(listed_effects(self.effects), *asked)
+        return search_beside(self._declared, plain, measured, parts, rng, choices, most)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:
         """A report of the effects that rollouts do not speak against, and the fit to all rows."""
