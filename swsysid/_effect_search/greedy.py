@@ -62,23 +62,9 @@ class Search:
 
     def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
         """Add effects until nothing significant is left, and keep those that remain significant."""
-        # One more mode bends to whatever the first named effect leaves over, and several effects
-        # with a name may imitate one. Where there is not one addition alone, each has to show what
-        # it can do without the other. There is one finding for each term of the structure.
+        # There is one finding for each term of the structure.
         structure, rounds = self.climb()
-        if len(rounds) > 1:
-            has_mode = any(isinstance(term.effect, StructureEffect) for term in structure.terms)
-            effects = [
-                effect
-                for effect in self.context.effects
-                if isinstance(effect, StructureEffect) != has_mode
-            ]
-            others = replace(self, context=replace(self.context, effects=effects))
-            other, other_rounds = others.climb()
-            if other.price < structure.price:
-                structure, rounds = other, other_rounds
-        single = len(rounds) == 1 and rounds[0].structure is structure
-        if single:
+        if len(rounds) == 1 and rounds[0].structure is structure:
             return structure, (rounds[0].finding,), rounds
         on_the_way = [one.structure for one in rounds]
         return *confirmed(self.context, structure, on_the_way), rounds
