@@ -8,7 +8,7 @@ is left follows a channel and no effect with a name says how.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
@@ -21,13 +21,12 @@ from swsysid._effect_search.acceptance import (
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import chance_of_gains
-from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._ties import first_largest, least_of
 from swsysid.effects import PlacedEffect, StructureEffect, UnknownFunction
-from swsysid.effects._shapes import finer, next_finer, shapes
+from swsysid.effects._shapes import finer, shapes
 
 _cost = attrgetter("cost")
 
@@ -38,9 +37,6 @@ class Unknowns:
 
     named: SearchContext
     shapes: SearchContext  # the same data, with smooth functions in the place of the effects
-    _tried: Remembered[Structure] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # `_instead` of the terms of structures
 
     @classmethod
     def of(cls, context: SearchContext) -> Unknowns | None:
@@ -63,25 +59,6 @@ class Unknowns:
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
             structure = least_of([best, *level], lambda option: len(option.terms), _cost)
-        return self._resolved(structure)
-
-    def _resolved(self, structure: Structure) -> Structure:
-        """The structure with as many knots of each shape as it is better with."""
-        # A scan gives the rows no weight that the shape at hand does not explain, and finds it fine
-        # enough; in a structure they count.
-        for place in range(len(structure.terms)):
-            options = [structure]
-            while options:
-                best = least_of(options, _cost)
-                if best is not structure and not self._is_better(best, structure):
-                    break
-                structure, term = best, best.terms[place]
-                if not isinstance(term.effect, UnknownFunction):
-                    break
-                options = [
-                    self.named.exchanged(structure, place, replace(term, effect=shape))
-                    for shape in next_finer(term.effect, self.named.data.records)
-                ]
         return structure
 
     def _is_better(self, option: Structure, than: Structure) -> bool:
@@ -113,7 +90,6 @@ class Unknowns:
                 return None
             n_candidates += n_more + SETTINGS.n_restarts
         tried = context.structure((*fit.terms[:place], trial.candidate), fit.modes)
-        tried = self._resolved(tried)
         if not is_promising(context, structure, tried, n_candidates):
             return None
         chance = base.p_value(trial)
@@ -161,7 +137,8 @@ class Unknowns:
 
     def _instead(self, structure: Structure, group: list[int]) -> Structure:
         """The structure with the best shape in the place of some terms."""
-        return self._tried.of(structure, tuple(group), lambda: self._with_best(structure, group))
+        question = ("a shape instead", *group)
+        return self.named.answers.of(structure, question, lambda: self._with_best(structure, group))
 
     def _with_best(self, structure: Structure, group: list[int]) -> Structure:
         # The modes are those found with the terms, for without them they may be wrong; but those
