@@ -23,6 +23,7 @@ from swsysid._effect_search.outcome import Tried
 from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.report import (
     EffectReport,
+    report_between,
     round_in_words,
     rung_errors,
     tried_in_words,
@@ -181,7 +182,7 @@ class RecordedOutcome:
         """What the search has to say; `models` as `EffectReport.of` takes them."""
         search, measured = self.search, self.measured
         records, terms = search.stretches.seen, self.models[-1].law.terms
-        report = EffectReport.between(
+        report = report_between(
             (self.joint_fits[1], self.joint_fits[2]),
             replace(measured.records, held=records.held),
             measured.targets,

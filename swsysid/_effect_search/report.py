@@ -149,7 +149,7 @@ class EffectReport(EffectContents):
         before, after = first.predict_modes(records), last.predict_modes(records)
         rows = np.sort(np.concatenate([split.search, split.held_out]))
         gross = set_aside(last, ladder.context.data, ladder.targets, rows)
-        report = cls.between(
+        report = report_between(
             (first, last), records, ladder.targets, split, models, covariances, names, measured
         )
         assert report.data is not None
@@ -181,44 +181,6 @@ class EffectReport(EffectContents):
             alarms=tuple(alarms),
             set_aside=gross.in_words(last, records, ladder.context.significance, names),
             data=replace(report.data, aside=gross.rows),
-        )
-
-    @classmethod
-    def between(
-        cls,
-        ends: tuple[JointFit, JointFit],
-        records: Records,
-        targets: Array,
-        split: Split,
-        models: Sequence[EffectRegressor],
-        covariances: Sequence[Array],
-        names: NDArray | None,
-        measured: Measured | None,
-    ) -> EffectReport:
-        """What is left over at the two ends of any search, and the rows behind its pictures."""
-        before, after = (leftover(fit, records, targets, split, names) for fit in ends)
-        states, noise = _as_measured(measured)
-        return cls(
-            targets=records.equations,
-            held_out=split.how,
-            n_search=len(split.search),
-            n_held_out=len(split.held_out),
-            residual_before=before,
-            residual_after=after,
-            discrete=bool(ends[0].laws.discrete_time),
-            static=records.static,
-            data=EffectData(
-                records=records,
-                rows=split.held_out,
-                samples=split.held_out_samples,
-                targets=targets,
-                models=(models[0], models[1]),
-                final=models[2],
-                covariances=tuple(covariances),
-                trajectory_names=names,
-                states=states,
-                noise=noise,
-            ),
         )
 
     @property
@@ -274,6 +236,43 @@ class EffectReport(EffectContents):
 
     def __str__(self) -> str:
         return self.to_text()
+
+
+def report_between(
+    ends: tuple[JointFit, JointFit],
+    records: Records,
+    targets: Array,
+    split: Split,
+    models: Sequence[EffectRegressor],
+    covariances: Sequence[Array],
+    names: NDArray | None,
+    measured: Measured | None,
+) -> EffectReport:
+    """What is left over at the two ends of any search, and the rows behind its pictures."""
+    before, after = (leftover(fit, records, targets, split, names) for fit in ends)
+    states, noise = _as_measured(measured)
+    return EffectReport(
+        targets=records.equations,
+        held_out=split.how,
+        n_search=len(split.search),
+        n_held_out=len(split.held_out),
+        residual_before=before,
+        residual_after=after,
+        discrete=bool(ends[0].laws.discrete_time),
+        static=records.static,
+        data=EffectData(
+            records=records,
+            rows=split.held_out,
+            samples=split.held_out_samples,
+            targets=targets,
+            models=(models[0], models[1]),
+            final=models[2],
+            covariances=tuple(covariances),
+            trajectory_names=names,
+            states=states,
+            noise=noise,
+        ),
+    )
 
 
 def in_words(term: PlacedEffect, records: Records) -> str:
