@@ -96,19 +96,17 @@ class ResidualSamples:
             raise ValueError(
                 f"window={window} is that of a smoother along trajectories; give t or groups too."
             )
-        assert self.records.t is not None
-        modes = np.zeros(len(self.records)) if self.modes is None else self.modes
-        stays = stays_of(modes, self.records.trajectories)
-        windows = Windows(self.records.t, stays, window // 2, _DEGREE)
-        rows = windows.whole(windows.length)  # a window apart, each within one mode
+        smoothed = Smoothed.of(self.records, self.modes, window)
+        rows = smoothed.decimated
         if len(rows) < FEWEST_ROWS:
             raise ValueError(
                 f"only {len(rows)} of {len(self.residual)} rows share no measurement with another "
                 f"and lie in one mode; a residual report needs {FEWEST_ROWS}: record "
                 "more, or smooth over a shorter window."
             )
-        columns = np.hstack([self.records.X, self.target - self.residual])
-        residual = _straightened(windows, self.residual, columns, modes)
+        predicted = self.target - self.residual
+        modes = np.zeros(len(predicted)) if self.modes is None else self.modes
+        residual = smoothed.straightened(self.residual, self.records.X, predicted, modes)
         return replace(
             self,
             records=self.records.take(rows),
@@ -247,17 +245,37 @@ def _nearness(model: object, X: object) -> tuple[Array | None, str]:
     return best[:, -1] - best[:, -2], ""
 
 
-def _straightened(windows: Windows, residual: Array, columns: Array, modes: NDArray) -> Array:
-    """The residual without what windows bend of states, inputs and predicted velocities.
+@dataclass(frozen=True)
+class Smoothed:
+    """Windows of a smoother within the modes that a model says."""
 
-    A fitted model has taken of that what is linear in these `columns`, mode by mode.
-    """
-    rows = windows.whole()
-    bent = (windows.means @ columns - columns)[rows]
-    own = np.column_stack([np.ones(len(rows)), columns[rows]])
-    for mode in np.unique(modes[rows]):
-        here = modes[rows] == mode
-        bent[here] = without(own[here], bent[here])
-    answer = residual.copy()
-    answer[rows] = without(bent, residual[rows])
-    return answer
+    windows: Windows
+
+    @classmethod
+    def of(cls, records: Records, modes: NDArray | None, window: int) -> Smoothed:
+        """Those of a record in order of time."""
+        assert records.t is not None
+        modes = np.zeros(len(records)) if modes is None else modes
+        stays = stays_of(modes, records.trajectories)
+        return cls(Windows(records.t, stays, window // 2, _DEGREE))
+
+    @property
+    def decimated(self) -> NDArray[np.intp]:
+        """Rows a window apart whose windows lie in one mode."""
+        return self.windows.whole(self.windows.length)
+
+    def straightened(self, residual: Array, X: Array, predicted: Array, modes: NDArray) -> Array:
+        """The residual without what windows bend of states, inputs and velocities.
+
+        A fitted model has taken of that what is linear in them, mode by mode.
+        """
+        rows = self.windows.whole()
+        columns = np.hstack([X, predicted])
+        bent = (self.windows.means @ columns - columns)[rows]
+        own = np.column_stack([np.ones(len(rows)), columns[rows]])
+        for mode in np.unique(modes[rows]):
+            here = modes[rows] == mode
+            bent[here] = without(own[here], bent[here])
+        answer = residual.copy()
+        answer[rows] = without(bent, residual[rows])
+        return answer

@@ -99,7 +99,7 @@ MOST_LINES = {
     "refinement": 2250,
     "relaxations": 1480,
     "_rendering": 710,
-    "_residual_report": 2340,
+    "_residual_report": 2350,
     "_saving": 720,
     "_seeding": 1360,
     "_simulation": 2010,
