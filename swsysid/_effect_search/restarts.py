@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
+from swsysid._rendering.progress import watched
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 
@@ -53,7 +53,7 @@ def with_modes(
     ]
     anew = Parallel(n_jobs=context.n_jobs)(
         delayed(context.structure)((*terms, candidate), modes, 1)
-        for candidate in tqdm(restarts, desc="modes anew", leave=False, disable=not context.verbose)
+        for candidate in watched(restarts, "modes anew", bool(context.verbose))
     )
     return [warm, *anew]
 

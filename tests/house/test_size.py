@@ -93,7 +93,7 @@ MOST_LINES = {
     "_displays": 1610,
     "_effect_model": 2420,
     "_effect_search": 9130,
-    "effects": 3990,
+    "effects": 4010,
     "exporting": 3330,
     "_free_rollouts": 900,
     "_identification": 2960,

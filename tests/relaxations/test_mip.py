@@ -89,6 +89,18 @@ def test_by_hand():
     assert result.objective == pytest.approx(0.5, abs=1e-9)
 
 
+@pytest.mark.parametrize(("y", "total"), [([1.0, 1.5, 3.0], 2.0), ([0.0, 0.0, 4.0], 4.0)])
+def test_what_the_solver_proves_is_the_sum_itself(y, total, monkeypatch):
+    """One mode at x = 1 is a median; the bound is in units of the largest target."""
+    proved, solver = [], _mip.mixed_integer_program
+    monkeypatch.setattr(
+        _mip, "mixed_integer_program", lambda *a, **k: proved.append(solver(*a, **k)) or proved[-1]
+    )
+    result = solve_mip(np.ones((3, 1)), np.array(y)[:, None], 1)
+    assert result.objective == pytest.approx(total, rel=1e-9)
+    assert proved[0].bound * max(y) == pytest.approx(total, rel=1e-6)
+
+
 @pytest.mark.parametrize("n_modes", [2, 3])
 def test_planted_modes_come_back_in_canonical_order(n_modes):
     X, y, coef, modes = draw(18, n_modes, 2, 0.0, seed=1)
