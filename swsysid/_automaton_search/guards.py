@@ -34,6 +34,7 @@ from swsysid._automaton_search.few_columns import (
     FewColumns,
     cheapest_guard,
     known,
+    simplest,
     without_clocks,
 )
 from swsysid._automaton_search.found import FoundGuard
@@ -122,14 +123,16 @@ def best_guard(
 ) -> FoundGuard | None:
     """The guard of least cost among those of few columns, or the one of some columns.
 
-    `solved` are guards of this degree and interval that are known, and those found here go there.
+    It has the least degree up to this one that costs the least. `solved` are guards of this degree
+    and interval that are known, and those found here go there.
     """
     known_ones: Solved = {} if solved is None else solved
 
     def guard_of(some: NDArray[np.intp]) -> FoundGuard | None:
         name = crossed.told_by(some)
         if name not in known_ones:
-            known_ones[name] = _guard_of(crossed, some, degree)
+            tried = (_guard_of(crossed, some, each) for each in range(1, degree + 1))
+            known_ones[name] = simplest(tried)
         return known_ones[name]
 
     if some is not None:
