@@ -53,17 +53,16 @@ def untold_switches(found: IdentifiedAutomaton) -> str:
 def strays(found: IdentifiedAutomaton) -> str:
     """What is said of an automaton that leaves its own recordings by itself, "" if it does not.
 
-    Where there is less noise than rollouts may be off by, any that surely leaves a recording is far
-    from it. Where it does so as a motion does whose start is not known, or that noise drives, that
-    is no proof against it.
+    Where there is less noise than rollouts may be off by, and instants are known, any that surely
+    leaves a recording is far from it. Where it does so as a motion does whose start is not known,
+    or that noise drives, that is no proof against it.
     """
     rollouts = found.rollouts
     driven = found.noises is not None and found.noises.drives
     stretches = [one.leaves for one in rollouts.breaks]  # without one, by a few outliers
-    far = bool(stretches) and bool(
-        not rollouts.in_noise or np.max([rollouts.left_of_each.max(), *stretches]) > _FAR
-    )
-    if driven or rollouts.hangs_on_start or not far:
+    exact = not rollouts.in_noise and ASKED_AT_SAMPLES not in found.shared_exits
+    far = exact or bool(np.max([rollouts.left_of_each.max(), *stretches]) > _FAR)
+    if driven or rollouts.hangs_on_start or not (stretches and far):
         return ""
     return f"By itself the automaton leaves {rollouts.strays}; report_ says more."
 

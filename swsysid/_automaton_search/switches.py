@@ -164,10 +164,12 @@ def at_samples(found: StayIdentification) -> bool:
     stays, recordings = found.estimate.nodes.stays, found.estimate.nodes.recordings
     if not any(len(own.instants) for own in stays):
         return False
-    off = np.concatenate([
-        _off_samples(own.instants, t[places])
-        for own, t, places in zip(stays, recordings.times, recordings.sampled, strict=True)
-    ])
+    off = np.concatenate(
+        [
+            _off_samples(own.instants, t[places])
+            for own, t, places in zip(stays, recordings.times, recordings.sampled, strict=True)
+        ]
+    )
     on_samples = off.max() <= _ON_SAMPLE * recordings.interval
     return bool(on_samples and len(off) * np.log(2.0 * _ON_SAMPLE) < np.log(_CHANCE))
 

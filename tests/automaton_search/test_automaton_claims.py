@@ -163,9 +163,10 @@ def test_only_what_is_a_proof_against_the_automaton_is_warned_of(doubt, says):
     usual = {"left_of_each": np.array([[3.1]]), "hangs_on_start": False, "in_noise": True}
     usual["breaks"] = (SimpleNamespace(leaves=2.8),)
     rollouts = SimpleNamespace(**(usual | {"strays": "1 of 2 recordings"} | doubt))
-    found = SimpleNamespace(rollouts=rollouts, noises=None)
+    found = SimpleNamespace(rollouts=rollouts, noises=None, shared_exits=())
     assert bool(strays(found)) == says
-    assert strays(SimpleNamespace(rollouts=rollouts, noises=SimpleNamespace(drives=True))) == ""
+    found.noises = SimpleNamespace(drives=True)
+    assert strays(found) == ""
 
 
 def test_guards_that_explain_no_more_than_their_coefficients_are_none():
