@@ -58,7 +58,8 @@ def strays(found: IdentifiedAutomaton) -> str:
     or that noise drives, that is no proof against it.
     """
     rollouts = found.rollouts
-    driven = found.noises is not None and found.noises.drives
+    noises = found.noises
+    driven = noises is not None and noises.drives and not noises.goes_on
     stretches = [one.leaves for one in rollouts.breaks]  # without one, by a few outliers
     exact = not rollouts.in_noise and ASKED_AT_SAMPLES not in found.shared_exits
     far = exact or bool(np.max([rollouts.left_of_each.max(), *stretches]) > _FAR)

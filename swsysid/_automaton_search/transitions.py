@@ -22,6 +22,7 @@ from swsysid._automaton_search.guards import (
     where_it_rises,
 )
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
+from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits, at_samples, switches_of
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
@@ -58,24 +59,26 @@ def _at_samples_or_not(
 ) -> list[Settled]:
     """Guards that rise at the instants, or between samples at which they are asked.
 
-    The second explain more, by as much as their instants are less certain.
+    The first must tell each instant better, by a nat: errors that are too small by the same for all
+    are as likely as an interval is.
     """
     found = _settled(stays, told, terms, positions, solved)
     if not at_samples(stays):
         return found
     switches, visits = told
-    switches = switches.asked_at_samples(stays.estimate.nodes.recordings.interval)
+    interval = stays.estimate.nodes.recordings.interval
+    switches = switches.asked_at_samples(interval)
     asked = _settled(stays, (switches, visits), terms, positions, solved)
-    if _nats(found) <= _nats(asked):
+    if _nats(found, interval) + len(switches) <= _nats(asked, interval):
         return found
     return [replace(one, asked_at_samples=not one.switches.jumped.all()) for one in asked]
 
 
-def _nats(found: Sequence[Settled]) -> float:
+def _nats(found: Sequence[Settled], interval: float) -> float:
     """What the guards leave unexplained of the instants, by the density of these."""
-    told = [one for one in found if one.guard is not None]
-    costs = sum(one.guard.cost for one in told if one.guard is not None)
-    return costs + sum(float(np.log(one.switches.errors).sum()) for one in told)
+    told = [(one.guard.cost, one.switches.errors) for one in found if one.guard is not None]
+    least = SETTINGS.instant * interval
+    return sum(cost + float(np.log(np.maximum(errors, least)).sum()) for cost, errors in told)
 
 
 def _settled(

@@ -165,8 +165,10 @@ def test_only_what_is_a_proof_against_the_automaton_is_warned_of(doubt, says):
     rollouts = SimpleNamespace(**(usual | {"strays": "1 of 2 recordings"} | doubt))
     found = SimpleNamespace(rollouts=rollouts, noises=None, shared_exits=())
     assert bool(strays(found)) == says
-    found.noises = SimpleNamespace(drives=True)
+    found.noises = SimpleNamespace(drives=True, goes_on=False)
     assert strays(found) == ""
+    found.noises = SimpleNamespace(drives=True, goes_on=True)  # a law is missing, and no noise
+    assert bool(strays(found)) == says
 
 
 def test_guards_that_explain_no_more_than_their_coefficients_are_none():
