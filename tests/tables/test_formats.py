@@ -220,6 +220,41 @@ def test_a_log_of_a_bus_that_is_cut_is_said_to_be(tmp_path):
     assert f"The log is cut: {size - 40:,} of its {size:,} bytes are there." in cut.remarks
 
 
+def test_a_log_of_a_bus_with_steps_from_line_to_line(tmp_path):
+    pytest.importorskip("cantools")
+    _bus(tmp_path / "drive.asc")
+    files = [tmp_path / "drive.asc", tmp_path / "car.dbc"]
+    [from_start] = read_recordings(files, states=["x", "v"])
+    steps, last = [], 0.0
+    for line in files[0].read_text().splitlines():
+        first = line.split()[0]
+        if first.replace(".", "").isdigit():
+            step, last = float(first) - last, float(first)
+            # a line of another kind on the way to this one, whose step counts
+            steps.append(f"{step / 2:.6f} 1 Statistic: D 1 R 0 XD 0 XR 0 E 0 O 0 B 0.00%")
+            line = line.replace(first, f"{step / 2:.6f}", 1)
+        steps.append(line.replace("timestamps absolute", "timestamps relative"))
+    files[0].write_text("\n".join(steps))
+    [stepped] = read_recordings(files, states=["x", "v"])
+    np.testing.assert_allclose(stepped["t"], from_start["t"], atol=1e-12)
+    np.testing.assert_array_equal(stepped["x"], from_start["x"])
+
+
+@pytest.mark.parametrize("name", ["drive.blf", "drive.asc", "drive.trc", "drive.log"])
+def test_extended_frames_are_no_standard_ones_of_the_same_id(name, tmp_path):
+    can, cantools = pytest.importorskip("can"), pytest.importorskip("cantools")
+    words = DBC.replace("BO_ 17 Rate", f"BO_ {16 + 2**31} Rate")
+    (tmp_path / "car.dbc").write_text(words)
+    messages = cantools.database.load_string(words).messages
+    with can.Logger(str(tmp_path / name)) as log:
+        for t, x, v in zip(T, X, V, strict=True):
+            for one, values in zip(messages, ({"x": x, "Gear": 0}, {"v": v}), strict=True):
+                log(can.Message(timestamp=1000.0 + t, arbitration_id=16, data=one.encode(values),
+                                is_extended_id=one.is_extended_frame))  # fmt: skip
+    [run] = read_recordings([tmp_path / name, tmp_path / "car.dbc"], states=["x", "v"])
+    np.testing.assert_array_equal(run["x"], np.column_stack([X, V]))
+
+
 def test_a_unit_is_run_and_read(tmp_path):
     pytest.importorskip("fmpy")
     stated = HybridAutomaton.stated(

@@ -59,6 +59,24 @@ def test_channels_come_with_their_own_instants_and_units(name, tmp_path):
     assert [one.unit for one in runs.columns] == ["m", "V"]
 
 
+def test_samples_that_a_file_calls_invalid_are_missing(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    counts, at = np.arange(10), {"x": 4, "u": 7}  # as many in each
+    signals = [
+        asammdf.Signal(
+            np.where(counts == lost, -9999, counts), FAST, name=name,
+            invalidation_bits=counts == lost,
+        )
+        for name, lost in at.items()
+    ]  # fmt: skip
+    with asammdf.MDF(version="4.10") as file:
+        file.append(signals)
+        file.save(tmp_path / "log.mf4")
+    [run] = read_recordings(tmp_path / "log.mf4", states=["x", "u"])
+    for name, lost in at.items():
+        np.testing.assert_array_equal(run["x"][name], np.where(counts == lost, np.nan, counts))
+
+
 # asammdf's own finaliser fails on what it could not open
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("name", WRITERS)
