@@ -19,6 +19,7 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
+from swsysid._discrete_stays.persistence import goes_on
 from swsysid._discrete_stays.relations import parted_by_relations
 from swsysid._discrete_stays.rows import RowFit
 from swsysid._discrete_stays.search import (
@@ -277,6 +278,8 @@ class KindsOfNoise:
         Nats by which the rows are less likely if there is no other noise.
     laws_of_sensor, laws_of_equation : ndarray of shape (n_modes, n_states, n_features_out)
         Laws in that case.
+    goes_on : bool
+        Whether what the laws leave of rows goes on for a while, as no noise does.
     """
 
     sensor: Array
@@ -285,6 +288,7 @@ class KindsOfNoise:
     equation_alone: float
     laws_of_sensor: Array
     laws_of_equation: Array
+    goes_on: bool = False
 
     @property
     def sizes(self) -> tuple[Array, Array]:
@@ -325,6 +329,12 @@ class DiscreteCertainty:
             float(profile.nats[-1]),
             data.coef(profile.coef[0])[names],
             data.coef(profile.coef[-1])[names],
+            goes_on(
+                np.where(found.fit.unexplained[:, None], 0.0, found.states.left),
+                data.rows.begins,
+                data.rows.lags,
+                found.states.tie,
+            ),
         )
         return cls(data.coef(np.sqrt(profile.variance))[names], noises)
 
