@@ -22,10 +22,11 @@ from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.words import NO_NAME
 from swsysid._noise import memory
 from swsysid._output_error.criterion import Left, go_astray
+from swsysid._output_error.engines import Finding
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import slope_of_sensor
-from swsysid._output_error.search import Finding, Search
+from swsysid._output_error.search import Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import FoundEffect, PlacedEffect, RateEffect, Rival
@@ -44,6 +45,7 @@ class RecordedOutcome:
     models: tuple[Fit, ...]  # fitted to the searched part
     findings: tuple[Finding, ...]
     tried: tuple[tuple[Finding, Array, Array], ...]  # not kept: errors held out before and after
+    unsure: Finding | None = None  # what would have been next, if chance may explain it
 
     @cached_property
     def final(self) -> Fit:

@@ -12,6 +12,7 @@ from swsysid._effect_search.contents import EffectData
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.report import EffectReport, in_words, leftover
 from swsysid._effect_search.words import named, noise_floor
+from swsysid._output_error.scan import skipped
 
 
 def recorded_report(
@@ -38,7 +39,7 @@ def recorded_report(
             {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
             for model, (inside, outside) in zip(models_in_words, outcome.errors, strict=True)
         ],
-        skipped=outcome.search.skipped,
+        skipped=skipped(outcome.search.library, records),
         residual_before=leftovers[0],
         residual_after=leftovers[1],
         history=tuple(
@@ -61,6 +62,14 @@ def recorded_report(
             for one, before, after in outcome.tried
             if one.p_value <= outcome.search.significance and (after < before).any()
         ),
+        unsure=None
+        if (near := outcome.unsure) is None
+        else {
+            "effect": in_words(near.candidate, records),
+            "p_value": float(near.p_value),
+            "share": near.share,
+            "longer": near.longer,
+        },
         alarms=tuple(alarms),
         of_rollouts=not records.static,
         static=records.static,

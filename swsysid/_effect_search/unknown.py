@@ -21,10 +21,10 @@ from swsysid._effect_search.acceptance import (
 )
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import chance_of_gains
-from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
+from swsysid._remembered import Remembered
 from swsysid._ties import first_largest, least_of
 from swsysid.effects import PlacedEffect, StructureEffect, UnknownFunction
 from swsysid.effects._shapes import finer, next_finer, shapes
