@@ -73,6 +73,7 @@ def searched_recordings(
     if measured.recorded is None or not outcome.findings:
         return outcome
     # beside what was found an input may do otherwise: a line and a lag are late alike
+    stretches = replace(stretches, disturbance=outcome.search.stretches.disturbance)
     other, best = _held(outcome.models[-1].law, stretches, split, input_hold)
     if other.records.held == stretches.records.held:
         return outcome
@@ -95,7 +96,8 @@ def _held(
 
     def holding(channels: frozenset[int]) -> Stretches:
         recorded, seen = (replace(one, held=channels) for one in (records, stretches.seen))
-        return Stretches.of(recorded, seen, split.search)
+        own = Stretches.of(recorded, seen, split.search)
+        return replace(own, disturbance=stretches.disturbance)
 
     def refined(stretches: Stretches) -> Fit:
         fit = RATES.fitted(law, stretches)
