@@ -37,7 +37,7 @@ class JobOptions:
     @property
     def missing(self) -> str:
         """What laws lack that leave more than noise, and what looks for it."""
-        told = "a term, a mode or an effect is missing (--diagnose looks for it)"
+        told = "a term, a mode, an effect (--diagnose) or an impact (--automaton) is missing"
         return told if self.modes == "auto" else f"{told}; --modes auto tries more modes"
 
     def regressor(self, n_modes: object, **options) -> SwitchingSystemRegressor:

@@ -102,8 +102,8 @@ def advice_of(
     if excess[worst] > 1.3:
         return (
             f"The rollouts of {channels[worst]} leave {excess[worst]:.2g} times its noise: a term, "
-            "a mode or an effect is missing; try a larger library or more modes, or search for "
-            "effects."
+            "a mode, an effect or a jump of a state is missing; try a larger library or more "
+            "modes, search for effects, or use HybridAutomatonRegressor."
         )
     if not rollouts.holds:
         told = "Told when to switch" if rollouts.n_switches else "Stretch by stretch"

@@ -96,7 +96,7 @@ def test_laws_that_lack_something_are_called_so(contact, tmp_path, capsys):
     arguments = [contact[0], "--states", "x", "v", *ROLES, "--modes", "1"]
     text = text_of([*arguments, "--output", str(tmp_path)], capsys)
     assert re.search(r"[Oo]ver stretches of 30 samples rollouts leave \S+ times the noise of", text)
-    assert "a term, a mode or an effect is missing (--diagnose looks for it)" in text
+    assert "a term, a mode, an effect (--diagnose) or an impact (--automaton) is missing" in text
 
 
 def test_where_the_laws_lack_very_much_derivatives_decide(contact, tmp_path, capsys, monkeypatch):
