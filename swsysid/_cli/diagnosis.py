@@ -117,15 +117,23 @@ def diagnosed(
     jumps = _jumps(samples, options)
     # one law, and what it jumps by, if that is enough
     for modes in [1] * jumps + ["auto"] * (jumps or done.explains_little):
-        several = None
+        several, asked = None, samples if jumps else _thinned(samples)
         what = "Looking for jumps" if modes == 1 else "Looking for several laws"
         with stage(what, watched), suppress(SolverError):  # the one law stands without them
             several = automaton_of(
-                samples, replace(options, modes=modes), is_worth=done.is_worse_than
+                asked, replace(options, modes=modes), is_worth=done.is_worse_than
             )
         if several is not None:
             return replace(done, several=several[0], told_of_several=several[1])
     return done
+
+
+def _thinned(samples: Samples) -> Samples:
+    """As many rows as one law was asked of: those that lie on lines between them tell no more."""
+    recorded = samples.recorded
+    if recorded is None or recorded.thinning == 1:
+        return samples
+    return replace(samples, recorded=recorded.every(recorded.thinning))
 
 
 def _jumps(samples: Samples, options: JobOptions) -> bool:

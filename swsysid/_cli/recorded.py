@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swsysid._cli.measurement import Measurement
 from swsysid._data.trajectories import group_labels, places_along, trajectories
+from swsysid._output_error.stretches import thinning
 from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES
 
@@ -87,6 +88,23 @@ class Recorded:
         """Rows that hold a state, all inputs and all signals; no limits of inputs."""
         known = np.isfinite(np.hstack([self.inputs, self.signals])).all(axis=1)
         kept = self.holds_a_state & known
+        columns = self.states, self.inputs, self.signals, self.t, self.groups
+        return Recorded(*(column[kept] for column in columns))
+
+    @property
+    def thinning(self) -> int:
+        """Every how many rows are enough, as for a search of what one law lacks; 1 with limits."""
+        columns = np.hstack([self.states, self.inputs])
+        if not np.isfinite(columns).all():
+            return 1
+        own = [rows for _, rows in trajectories(group_labels(self.groups, len(self.groups)))]
+        every = thinning(columns, own, np.zeros(columns.shape[1], dtype=bool))
+        return every if min(map(len, own)) >= every * FEWEST_SAMPLES else 1
+
+    def every(self, k: int) -> Recorded:
+        """Every k-th row of each trajectory."""
+        codes = np.unique(self.groups, return_inverse=True)[1]
+        kept = places_along(codes) % k == 0
         columns = self.states, self.inputs, self.signals, self.t, self.groups
         return Recorded(*(column[kept] for column in columns))
 

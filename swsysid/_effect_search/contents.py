@@ -249,6 +249,15 @@ class TriedEffect(TypedDict):
     rollouts: list[float] | None
 
 
+class UnsureEffect(TypedDict):
+    """What would come next, if chance may explain it, and how long a record would be sure of it."""
+
+    effect: str
+    p_value: float
+    share: float  # of the squared error of stretches that it was not fitted to
+    longer: float  # times this record
+
+
 class TimeInterval(TypedDict):
     """The time or the times for which another law acts, and that law."""
 
@@ -302,6 +311,7 @@ class EffectContents(Parts):
     history: tuple[Round, ...] = ()
     dropped: tuple[str, ...] = ()
     tried: tuple[TriedEffect, ...] = ()
+    unsure: UnsureEffect | None = None
     exact: tuple[str, ...] = ()
     alarms: tuple[str, ...] = ()
     set_aside: RowsSetAside | None = None

@@ -17,12 +17,14 @@ from scipy.stats import chi2
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.contents import UnsureEffect
 from swsysid._effect_search.contributions import beside_conventions, parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.outcome import Tried
 from swsysid._effect_search.recording import Measured
 from swsysid._effect_search.report import (
     EffectReport,
+    in_words,
     report_between,
     round_in_words,
     rung_errors,
@@ -31,10 +33,11 @@ from swsysid._effect_search.report import (
 from swsysid._effect_search.words import NO_NAME, named, noise_floor
 from swsysid._noise import memory
 from swsysid._output_error.criterion import Left, go_astray
+from swsysid._output_error.engines import Finding
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
-from swsysid._output_error.scan import slope_of_sensor
-from swsysid._output_error.search import Finding, Search
+from swsysid._output_error.scan import skipped, slope_of_sensor
+from swsysid._output_error.search import Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import FoundEffect, PlacedEffect, RateEffect, Rival
@@ -53,6 +56,7 @@ class RecordedOutcome:
     models: tuple[Fit, ...]  # fitted to the searched part
     findings: tuple[Finding, ...]
     tried: tuple[Tried, ...]  # not kept
+    unsure: Finding | None = None  # what would have been next, if chance may explain it
 
     @cached_property
     def final(self) -> Fit:
@@ -199,7 +203,7 @@ class RecordedOutcome:
             n_held_out=len(self.held_out.rows),
             n_candidates=max((one.n_candidates for one in self.findings), default=0),
             errors=rung_errors(added, self.errors),
-            skipped=search.skipped,
+            skipped=skipped(search.library, records),
             history=tuple(
                 round_in_words(one, one.n_candidates, model.law.terms, records)
                 for one, model in zip(self.findings, self.models[1:], strict=True)
@@ -209,11 +213,24 @@ class RecordedOutcome:
                 for one in self.tried
                 if one.p_value <= search.significance and (one.after < one.before).any()
             ),
+            unsure=self._unsure,
             alarms=tuple(alarms),
             of_rollouts=not records.static,
         )
         noise = [noise_floor(report, state) for state in range(len(report.targets))]
         return replace(report, effects=tuple(self.effects(noise)))
+
+    @property
+    def _unsure(self) -> UnsureEffect | None:
+        near = self.unsure
+        if near is None:
+            return None
+        return {
+            "effect": in_words(near.candidate, self.search.stretches.seen),
+            "p_value": float(near.p_value),
+            "share": near.share,
+            "longer": near.longer,
+        }
 
     def effects(self, noise: Sequence[float]) -> list[FoundEffect]:
         """The effects with numbers, intervals and rivals, where errors have a noise beneath."""

@@ -21,10 +21,10 @@ from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.recording import Measured
 from swsysid._journal import offer
 from swsysid._output_error.criterion import Left, fall, go_astray
-from swsysid._output_error.engines import QUANTITIES, RATES
+from swsysid._output_error.engines import QUANTITIES, RATES, n_happened
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law, remembers
-from swsysid._output_error.search import Search, Searched, n_happened
+from swsysid._output_error.search import Search, Searched
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values
@@ -74,6 +74,7 @@ def searched_recordings(
     if measured.recorded is None or not outcome.findings:
         return outcome
     # beside what was found an input may do otherwise: a line and a lag are late alike
+    stretches = replace(stretches, disturbance=outcome.search.stretches.disturbance)
     other, best = _held(outcome.models[-1].law, stretches, split, input_hold)
     if other.records.held == stretches.records.held:
         return outcome
@@ -96,7 +97,8 @@ def _held(
 
     def holding(channels: frozenset[int]) -> Stretches:
         recorded, seen = (replace(one, held=channels) for one in (records, stretches.seen))
-        return Stretches.of(recorded, seen, split.search)
+        own = Stretches.of(recorded, seen, split.search)
+        return replace(own, disturbance=stretches.disturbance)
 
     def refined(stretches: Stretches) -> Fit:
         fit = RATES.fitted(law, stretches)
@@ -135,7 +137,7 @@ def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
         # laws had bent to what happened: beside it shows what else there is, refuted before or not
         search = replace(search, refuted=(), significance=significance / 2.0)
     models = tuple(search.model(fit) for fit in further.models)
-    done = Searched(search, models, further.findings)
+    done = Searched(search, models, further.findings, outcome.unsure)
     return _sound(further, done.went_on() if has_happened else done, strict=True)
 
 
@@ -160,7 +162,7 @@ def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOu
         n_sound = next((k for k, (one, other) in enumerate(both) if one is not other), len(kept))
         is_done = n_sound == len(kept) and (n_sound or not listed)
         if is_done or len(done.search.refuted) == outcome.search.most:
-            return replace(outcome, tried=tuple(tried))
+            return replace(outcome, tried=tuple(tried), unsure=done.unsure)
         done = done.search.again(done, n_sound, listed[n_sound])
 
 
@@ -199,7 +201,11 @@ def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
         rest, term = law.without(place), law.terms[place]
         less, best = (whole.model(outcome.refitted(one)) for one in (rest, rest.beside([term])))
         better = whole.round(less, less)
-        if better is not None and whole.gain(best, better[0]).share > 0.0:
+        if (
+            better is not None
+            and whole.is_likely(better[1])
+            and whole.gain(best, better[0]).share > 0.0
+        ):
             best, term = better[0], better[0].law.terms[-1]
         law = law.exchanged(place, term)
         findings[place] = replace(finding, candidate=term, p_value=whole.p_value(less, best))

@@ -40,8 +40,8 @@ from swsysid._effect_model.decoding import (
 )
 from swsysid._effect_model.joint_fit import JointFit, as_stated, fit_jointly, with_decoded_modes
 from swsysid._effect_search.folds import Rows, Split, StateNoise
-from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.settings import SETTINGS
+from swsysid._remembered import Remembered
 from swsysid._results import Array
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._stays.start import named

@@ -82,6 +82,11 @@ class EffectReport(EffectContents):
         not fall by more than its standard error, or since with them every rollout of untouched
         recordings is worse: ``effect``, ``p_value``, the held-out errors of each equation
         ``before`` and ``after``, and in the second case those of ``rollouts`` before and after.
+    unsure : dict or None
+        In recordings of one law, the ``effect`` that would have come next if chance could not
+        explain it: its ``p_value``, the ``share`` of the squared error of stretches to which it was
+        not fitted by which that falls, and about how many times as long a record would be sure
+        (``longer``).
     exact : tuple of str
         States whose declared equation leaves rounding only, such as q' = v. They take no part.
     alarms : tuple of str

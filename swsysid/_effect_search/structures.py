@@ -26,12 +26,12 @@ from swsysid._effect_search.candidates import (
 )
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
-from swsysid._effect_search.remembered import Remembered
 from swsysid._effect_search.scan import is_unresolved, proposals, refined, scan
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._journal import step
 from swsysid._noise import robust_scale
+from swsysid._remembered import Remembered
 from swsysid._results import Array
 from swsysid._ties import largest_first, least_of
 from swsysid.effects import (

@@ -25,6 +25,7 @@ from swsysid._effect_search.words import (
     largest_fall,
     law_of,
     nearest,
+    none_is_sure,
     probability,
     rate_of,
     when,
@@ -77,7 +78,7 @@ def _nothing_found(report: EffectContents) -> str:
     left, free = report.residual_before, None if report.data is None else report.data.free
     velocities, rollouts = left is None or left.clean, free is None or free.holds
     if report.alarms or not (velocities or (rollouts and report.of_rollouts)):
-        return f"{none}; what is left over is not all noise."
+        return f"{none_is_sure(report) or none}; what is left over is not all noise."
     if velocities and rollouts:
         return "No effect is missing as far as these data show."
     both = ("free rollouts of the model", "velocities")

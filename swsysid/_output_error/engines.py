@@ -199,6 +199,24 @@ def of_other_kinds(own: PlacedEffect, models: Sequence[Model]) -> tuple[PlacedEf
 
 
 @dataclass(frozen=True)
+class Finding:
+    """An effect that was added, why, and what would have done as well."""
+
+    candidate: PlacedEffect
+    p_value: float  # of the fall on stretches that took no part in its fit, times all candidates
+    rivals: tuple[PlacedEffect, ...]
+    behind: tuple[PlacedEffect, ...]  # other kinds that explain at least half as much
+    n_candidates: int
+    share: float  # of the squares of such stretches, by which they fall
+    longer: float  # how many times the record that would be sure of it, 1 if this one is
+
+
+def n_happened(findings: Sequence[Finding]) -> int:
+    """How many effects at first act once."""
+    return [*(one.candidate.effect.acts_once for one in findings), False].index(False)
+
+
+@dataclass(frozen=True)
 class Engine:
     """Estimation of laws, and what they leave of stretches."""
 

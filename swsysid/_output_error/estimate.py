@@ -166,7 +166,10 @@ def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -
 
 @step
 def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
-    """Measured states less free rollouts of a fitted law, from the best starts."""
+    """Measured states less free rollouts of a fitted law, from the best starts.
+
+    Infinite where no start can be found, since whatever start leads away faster than numbers go.
+    """
     estimate = _fixed(fit, stretches, None).estimate
     nodes = estimate.nodes
     noise = fit.noise * of_samples(nodes, nodes.sizes)
@@ -174,6 +177,10 @@ def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
     everywhere = np.full(len(fit.noise), np.inf)
     problem = OutputError(KnownLaws(estimate.laws), nodes.recordings, measured, noise, everywhere)
     begun = Rollouts(problem, np.zeros(0), estimate.states[nodes.first], estimate.states)
+    with np.errstate(over="ignore"):
+        diverges = np.isinf(np.square(begun.slopes).sum())
+    if diverges:
+        return np.full_like(measured, np.inf)
     best, _ = problem.least(begun, SETTINGS.turns_of_starts, SETTINGS.closed)
     return measured - best.read
 

@@ -72,6 +72,18 @@ def is_of_a_sensor(effect: Effect) -> bool:
     return isinstance(effect, MeasurementEffect) and not isinstance(effect, Quantisation)
 
 
+def skipped(effects: Sequence[Effect], records: Records) -> dict[str, str]:
+    """Kinds that are not looked for in recordings of one law, and why."""
+    reasons = {}
+    for effect in effects:
+        missing = effect.missing(records)
+        if missing is not None:
+            reasons[effect.kind] = missing
+        elif not is_sought(effect):
+            reasons[effect.kind] = "is not looked for in recordings of one law"
+    return reasons
+
+
 def candidates(
     effects: Sequence[Effect], records: Records, targets: Sequence[int]
 ) -> Iterator[Candidate]:
@@ -86,6 +98,20 @@ def candidates(
             for target in targets:
                 if effect.acts_in(records, place, target):
                     yield Candidate(PlacedEffect(effect, place, target), grid)
+
+
+def special_cases(
+    placed: PlacedEffect, effects: Sequence[Effect], records: Records
+) -> list[PlacedEffect]:
+    """Simpler effects of which one is the general case, with the values that they share."""
+    place = placed.place
+    theta = dict(zip(placed.effect.theta_names(records, place), placed.theta, strict=True))
+    return [
+        replace(placed, effect=effect, theta=tuple(theta[name] for name in names))
+        for effect in effects
+        if effect.kind in placed.effect.special_cases
+        and set(names := effect.theta_names(records, place)) <= set(theta)
+    ]
 
 
 def variants(
@@ -163,7 +189,8 @@ def of_sensors(
     They are free: a disturbance would let the states follow a sensor that is wrong. A sensor is
     right or wrong beside others: with one state it says no more than a delay does.
     """
-    seen, missed = stretches.corrected(law.terms).seen, np.nan_to_num(rolled_out)
+    seen = stretches.corrected(law.terms).seen
+    missed = np.nan_to_num(rolled_out, posinf=0.0)  # of what diverges nothing is told
     for effect, place in ((one, place) for one in effects for place in one.places(seen)):
         if law.n_states < 2 or effect.missing(seen) is not None:
             continue

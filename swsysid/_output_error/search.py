@@ -3,53 +3,51 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from swsysid._journal import step
+from swsysid._journal import is_open, step
 from swsysid._output_error import scan
 from swsysid._output_error.criterion import Fall, Left, as_good, fall, price
-from swsysid._output_error.engines import Engine, Model, as_likely, of_other_kinds
+from swsysid._output_error.engines import (
+    Engine,
+    Finding,
+    Model,
+    as_likely,
+    n_happened,
+    of_other_kinds,
+)
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import Candidate, of_sensors, shortlist, variants
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values
+from swsysid._remembered import Answer, Remembered
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
 from swsysid.effects import Effect, PlacedEffect, UnknownFunction
 from swsysid.effects._shapes import shapes
 
-
-@dataclass(frozen=True)
-class Finding:
-    """An effect that was added, why, and what would have done as well."""
-
-    candidate: PlacedEffect
-    p_value: float  # of the fall on stretches that took no part in its fit, times all candidates
-    rivals: tuple[PlacedEffect, ...]
-    behind: tuple[PlacedEffect, ...]  # other kinds that explain at least half as much
-    n_candidates: int
-
-
-def n_happened(findings: Sequence[Finding]) -> int:
-    """How many effects at first act once."""
-    return [*(one.candidate.effect.acts_once for one in findings), False].index(False)
+_LATELY = 64  # answers that are kept, all of them of about five rounds
 
 
 @dataclass(frozen=True)
 class Searched:
-    """What a search has found: the declared model, and one effect more in each that follows."""
+    """What a search has found: the declared model, and one effect more in each that follows.
+
+    `unsure` is what would have been next, if chance may explain it.
+    """
 
     search: Search
     models: tuple[Model, ...]
     findings: tuple[Finding, ...]
+    unsure: Finding | None = None
 
     def is_clearer(self, other: Searched) -> bool:
         """Whether the first effect explains surely more of what the declared model leaves."""
@@ -61,7 +59,9 @@ class Searched:
         return fall(self.models[0].unseen, self.models[min(1, len(self.findings))].unseen)
 
     def with_one_more(self, model: Model, finding: Finding) -> Searched:
-        """The same with one effect more."""
+        """The same with one effect more, if it is likely."""
+        if not self.search.is_likely(finding):
+            return replace(self, unsure=finding)
         return Searched(self.search, (*self.models, model), (*self.findings, finding))
 
     @property
@@ -78,9 +78,9 @@ class Searched:
         while len(done.findings) < self.search.most:
             better = self.search.round(done.models[-1], done.standard)
             after_each()
-            if better is None:
+            before, done = done, done if better is None else done.with_one_more(*better)
+            if len(done.findings) == len(before.findings):
                 break
-            done = done.with_one_more(*better)
         return done
 
 
@@ -101,6 +101,7 @@ class Search:
     most: int
     verbose: bool = False
     refuted: tuple[PlacedEffect, ...] = ()
+    lately: Remembered = field(default_factory=lambda: Remembered(_LATELY), repr=False)
 
     def run(self, declared: Law) -> Searched:
         """The declared model and those with one effect more each; the effects."""
@@ -138,7 +139,10 @@ class Search:
     @step
     def started(self, declared: Law) -> Searched:
         """The declared model, and the first effect if there is one."""
-        first = self.model(self.engine.fitted(declared, self.stretches))
+        own = self.stretches
+        first: Model = self._known(
+            own.parts, own.disturbance, lambda: self.model(self.engine.fitted(declared, own))
+        )
         done = Searched(self, (first,), ())
         better = self.round(first, first) if self.most else None
         return done if better is None else done.with_one_more(*better)
@@ -161,26 +165,10 @@ class Search:
         Worth it is what takes away a share of the squares that are left, and of those that the
         declared law has left at first.
         """
-        listed = self.candidates
-        best_of: dict[tuple, Fit] = {}
         refuted = {self._key(one) for one in self.refuted}
-        sensors = [effect for effect in self.effects if scan.is_of_a_sensor(effect)]
-        left = self.engine.left_of(now.fit, self.stretches) if sensors else np.zeros((0, 0))
-        asked = of_sensors(now.law, left, self.stretches, sensors)
-        corrected = self.stretches.corrected(now.law.terms)
-        try:
-            scores = self.engine.scores(now.fit)
-        except LinAlgError:  # no step from here says anything
-            return None
-        for placed in (*shortlist(now.law, scores, corrected, listed), *asked):
-            for fit in self._estimated(now, placed):
-                own = fit.law.terms[-1]
-                if self._key(own) in refuted:
-                    continue
-                # beside a channel's own term it always fits better: whether surely, is asked later
-                key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))
-                best_of[key] = min(best_of.get(key, fit), fit, key=cost)
-        models = [*self._models(self._likeliest(list(best_of.values())))]
+        fits = self._known(now, "beside", partial(self._beside, now))
+        fits = [fit for fit in fits if self._key(fit.law.terms[-1]) not in refuted]
+        models = [*self._models(now, self._likeliest(fits))]
         done = self.gain(first, now).share
         models = [
             one
@@ -198,21 +186,62 @@ class Search:
         if found is None:
             return None
         chosen, level = found
-        own, p_value = chosen.law.terms[-1], self.p_value(now, chosen)
-        # the other half of the evidence may come from what is held out
-        if p_value > np.sqrt(self.significance):
-            return None
-        most = self.gain(now, chosen).share
+        own, gained = chosen.law.terms[-1], self.gain(now, chosen)
+        most, log_p = gained.share, self._log_p_value(now, chosen)
         level = [one for one in level if self._as_good(one, chosen, now)]
         models = [one for one in models if self.gain(now, one).share >= 0.5 * most]
         rivals, behind = (of_other_kinds(own, some) for some in (level, models))
-        return chosen, Finding(own, p_value, rivals, behind, len(listed))
+        # evidence grows as the record does
+        longer = 1.0 + max(0.0, log_p - np.log(self.significance)) / gained.nats
+        count, p_value = len(self.candidates), self.p_value(now, chosen)
+        return chosen, Finding(own, p_value, rivals, behind, count, most, float(longer))
 
-    def _models(self, fits: Sequence[Fit]) -> Iterator[Model]:
-        """The same fold by fold, of those of which every fold tells all coefficients."""
-        for fit in fits:
+    def is_likely(self, finding: Finding) -> bool:
+        """Whether chance hardly explains it; half of the evidence may be in what is held out."""
+        return bool(finding.p_value <= np.sqrt(self.significance))
+
+    def _beside(self, now: Model) -> list[Fit]:
+        """Candidates beside a model, the best values of each."""
+        best_of: dict[tuple, Fit] = {}
+        sensors = [effect for effect in self.effects if scan.is_of_a_sensor(effect)]
+        left = self.engine.left_of(now.fit, self.stretches) if sensors else np.zeros((0, 0))
+        asked = of_sensors(now.law, left, self.stretches, sensors)
+        corrected = self.stretches.corrected(now.law.terms)
+        try:
+            scores = self.engine.scores(now.fit)
+        except LinAlgError:  # no step from here says anything
+            return []
+        for placed in (*shortlist(now.law, scores, corrected, self.candidates), *asked):
+            for fit in self._estimated(now, placed):
+                own = fit.law.terms[-1]
+                # beside a channel's own term it always fits better: whether surely, is asked later
+                key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))
+                best_of[key] = min(best_of.get(key, fit), fit, key=cost)
+        return list(best_of.values())
+
+    def _models(self, now: Model, fits: Sequence[Fit]) -> Iterator[Model]:
+        """Laws that fit best, fold by fold, if every fold tells all of their coefficients.
+
+        What explains less of its own stretches than half of what a name does of unseen ones is not
+        as good as that one, and is not asked.
+        """
+        series, most = self.stretches.series, 0.0
+        for fit in sorted(fits, key=cost):
+            own = fall(Left(now.fit.left, series), Left(fit.left, series)).share
+            if own < 0.5 * most:
+                continue
             with suppress(LinAlgError):
-                yield self.model(fit)
+                model = self._known(fit, "by folds", partial(self.model, fit))
+                if not (model.is_nameless or self.values.are_at_an_end(fit)):
+                    most = max(most, self.gain(now, model).share)
+                yield model
+
+    def _known(self, about: object, question: Hashable, answer: Callable[[], Answer]) -> Answer:
+        """An answer that searches without one more refuted effect ask for again.
+
+        Steps of a journal are numbered: where one is kept the work is done anew.
+        """
+        return answer() if is_open() else self.lately.of(about, (question,), answer)
 
     def _likeliest(self, fits: list[Fit]) -> list[Fit]:
         """Those of least cost, and the best one of each of the best kinds.
@@ -230,18 +259,12 @@ class Search:
 
     def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fit]:
         """An effect beside a model in all its variants, and what it is a special case of."""
-        seen, place = self.stretches.seen, placed.place
-        theta = dict(zip(placed.effect.theta_names(seen, place), placed.theta, strict=True))
-        simpler = [
-            replace(placed, effect=effect, theta=tuple(theta[name] for name in names))
-            for effect in self.effects
-            if effect.kind in placed.effect.special_cases
-            and set(names := effect.theta_names(seen, place)) <= set(theta)
-        ]
+        seen = self.stretches.seen
+        simpler = scan.special_cases(placed, self.effects, seen)
         for one in (placed, *simpler):
             for variant in variants(one, now.law, self.linear, seen):
                 with suppress(LinAlgError):  # one that nothing tells takes no other along
-                    yield from filter(self._is_plausible, self.values.beside(now.fit, variant))
+                    yield from self.values.plausible(self.values.beside(now.fit, variant))
 
     def _chosen(self, models: list[Model], now: Model) -> tuple[Model, list[Model]] | None:
         """The simplest that is as good as any, its nonlinear parameters refined, and its rivals."""
@@ -355,18 +378,6 @@ class Search:
             named += [shape for shape in shapes(seen) if len(shape.channels) == 1]
         return list(scan.candidates(named, seen, self.targets))
 
-    @property
-    def skipped(self) -> dict[str, str]:
-        """Kinds that are not looked for in recordings of one law, and why."""
-        seen, reasons = self.stretches.seen, {}
-        for effect in self.library:
-            missing = effect.missing(seen)
-            if missing is not None:
-                reasons[effect.kind] = missing
-            elif not scan.is_sought(effect):
-                reasons[effect.kind] = "is not looked for in recordings of one law"
-        return reasons
-
     def _key(self, placed: PlacedEffect) -> tuple:
         """What an effect is, whatever its parameters."""
         return placed.effect.kind, placed.label(self.stretches.seen.names), placed.target
@@ -375,14 +386,6 @@ class Search:
         """Place of the last effect in the library, the simplest explanation first."""
         kinds = [effect.kind for effect in self.effects]
         return kinds.index(model.law.terms[-1].effect.kind)
-
-    def _is_plausible(self, fit: Fit) -> bool:
-        place, seen = len(fit.law.terms) - 1, self.stretches.seen
-        coef, effect = fit.law.coefficients(place), fit.law.terms[place].effect
-        finite = np.isfinite(fit.errors).all() and np.isfinite(coef).all()
-        # a force that moves a plant and one that it meets have different signs
-        signs = (1.0, -1.0) if seen.static else (1.0,)
-        return bool(finite) and any(effect.plausible(sign * coef) for sign in signs)
 
     def _as_good(self, other: Model, best: Model, now: Model) -> bool:
         """Whether the best is not worth it beside another one, or not surely better.

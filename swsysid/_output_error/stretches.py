@@ -67,7 +67,7 @@ class Stretches:
         ]
         columns = np.hstack([records.X, records.signals, measured])
         held = np.isin(np.arange(columns.shape[1]), [*records.held])
-        every = _thinning(columns, parts, held)
+        every = thinning(columns, parts, held)
         thinned = tuple(part[::every] for part in parts)
         sizes = _sizes(columns, records.trajectories)
         return cls(records, seen, thinned, sizes, gross, quantity)
@@ -224,7 +224,7 @@ def _sizes(columns: Array, trajectories: Sequence[Rows]) -> Array:
     return sizes
 
 
-def _thinning(columns: Array, parts: Sequence[Rows], held: NDArray[np.bool_]) -> int:
+def thinning(columns: Array, parts: Sequence[Rows], held: NDArray[np.bool_]) -> int:
     """Every how many rows are enough.
 
     As many as keep all columns straight lines between them, or the value of the first where it is

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,17 @@ class Values:
         if isinstance(more.effect, RateEffect):
             found = self.followed(found)
         yield from self.rescanned(found) if more.effect.acts_once else (found,)
+
+    def plausible(self, fits: Iterable[Fit]) -> Iterator[Fit]:
+        """Those whose last effect has coefficients that it may have."""
+        seen = self.stretches.seen
+        # a force that moves a plant and one that it meets have different signs
+        signs = (1.0, -1.0) if seen.static else (1.0,)
+        for fit in fits:
+            coef, effect = fit.law.coefficients(len(fit.law.terms) - 1), fit.law.terms[-1].effect
+            if np.isfinite(fit.errors).all() and np.isfinite(coef).all():
+                if any(effect.plausible(sign * coef) for sign in signs):
+                    yield fit
 
     def followed(self, fit: Fit) -> Fit:
         """The last effect at ever larger values, each from the fit before, while it fits better.

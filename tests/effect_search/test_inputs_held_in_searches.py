@@ -1,12 +1,18 @@
 """Inputs that keep their value between two rows, in a search of recordings with one law."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.linalg import LinAlgError
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
+from swsysid._effect_search.folds import Split
+from swsysid._effect_search.recorded_search import _held
+from swsysid._output_error.law import Law
 from swsysid._output_error.scan import RolloutScore
+from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values
 from swsysid.effects import CoulombFriction, Delay, Lag
 
@@ -108,3 +114,16 @@ def test_linear_algebra_that_fails_takes_no_other_effect_along(monkeypatch):
     monkeypatch.setattr(RolloutScore, "of", classmethod(refused))
     [found] = searched(*commanded(late=2)).effects_
     assert found.kind == "delay"
+
+
+@pytest.mark.parametrize("asked", ["zero", "auto"])
+def test_what_an_input_does_is_asked_beside_the_disturbance_of_the_search(asked):
+    """A search that has gone on with a larger disturbance keeps it."""
+    t, x, u = commanded()
+    records = make_records(np.column_stack([x, u]), 1, t=t, names=["x", "u"])
+    rows = np.arange(len(t))
+    stretches = replace(Stretches.of(records, records, rows), disturbance=1.0)
+    law = Law.of(lambda X: X, np.ones((1, 2), dtype=bool), np.zeros((1, 2)))
+    other, _ = _held(law, stretches, Split(rows, rows[:0], "nothing"), asked)
+    assert other.records.held == {1}
+    assert other.disturbance == 1.0

@@ -15,7 +15,8 @@ PACKAGE = Path(swsysid.__file__).parent
 
 # A folder is a layer, and so is a file at the top: it imports from itself and from those before it.
 LAYERS = """
-_checks _rendering _results _ties _whole_or_nothing _journal _noise _data _checkpoints _tables
+_checks _rendering _results _ties _remembered _whole_or_nothing
+_journal _noise _data _checkpoints _tables
 exporting
 differentiation metrics
 _known _solvers _losses relaxations _surfaces _classifier _pipelines effects _seeding

@@ -1,5 +1,7 @@
 """The score test promises what an estimate then keeps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,3 +71,29 @@ def test_every_kind_is_as_likely_as_any_other(declared):
         model = search.model(fitted(law, stretches, fit.courses, fit.noise, turns=1))
         chance = search.gain(now, model).p_value
         assert search.p_value(now, model) == pytest.approx(min(1.0, 2 * 3 * own * chance))
+
+
+def test_what_was_estimated_is_not_estimated_again_after_a_refutation(declared):
+    """The second search has its answers from the first one, but for what was refuted."""
+    stretches, fit = declared
+    fits = []
+
+    def counted(law, *args, **options):
+        fits.append(law)
+        return fitted(law, *args, **options)
+
+    engine = replace(RATES, fitted=counted)
+    library = [Bias(), QuadraticDrag(), Polynomial()]
+    search = Search(engine, stretches, library, [0], {}, significance=0.01, most=1)
+    first = search.started(fit.law)
+    count, found = len(fits), first.findings[0].candidate
+    again = search.started(fit.law)
+    assert again.models[0] is first.models[0]
+    assert again.findings[0].candidate == found
+    fits.clear()
+    other = replace(search, refuted=(found,)).started(fit.law)
+    assert all(one.candidate.effect.kind != found.effect.kind for one in other.findings)
+    alone = Search(engine, stretches, library, [0], {}, significance=0.01, most=1, refuted=(found,))
+    assert len(fits) < 0.5 * count  # of further candidates fold by fold, and of values
+    expected = alone.started(fit.law)
+    assert [one.p_value for one in other.findings] == [one.p_value for one in expected.findings]
