@@ -367,6 +367,15 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
         which = "rival" if len(entries) == 1 else "rivals"
         listed = "; ".join(entries)
         yield f"   {which}, as good on these data: {listed}; to tell them apart: {advice}"
+    if advised:
+        yield f"   {WHICH_RECORDING}"
+
+
+# Candidates are the user's: a report knows no recordings that could be made.
+WHICH_RECORDING = (
+    "which recording does so most: suggest_experiment(model.stated(), candidates, recordings, "
+    "rivals=[rival.stated()]) of swsysid.refinement"
+)
 
 
 def _rollouts(report: EffectContents) -> Iterator[str]:
