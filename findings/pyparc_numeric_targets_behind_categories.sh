@@ -4,7 +4,7 @@
 # assigned to modes looks a numeric target's law up by the number of the target, not of its column:
 # behind a category it is judged by coefficients of the categories. The same table with its two columns
 # exchanged is fitted without modes, without a word:
-#     score of the numeric target in front of the category 1.000, behind it .400, modes right 51 %
+#     score of the numeric target in front of the category 1.000, behind it .48, modes right 55 %
 # Here: a regressor has numeric targets only, and docs/coming_from_parc.md names the order.
 set -euo pipefail
 folder=$(mktemp -d)
@@ -30,7 +30,7 @@ print("pyparc", version("pyparc"), "scikit-learn", version("scikit-learn"))
 def scores(seed):
     """Of the numeric target and of the modes: it in front of the categorical one, and behind it."""
     rng = np.random.default_rng(seed)
-    X = rng.uniform(-1.0, 1.0, (1000, 2))
+    X = rng.uniform(-1.0, 1.0, (500, 2))
     modes = X[:, 0] > 0.3
     law = np.where(modes, 1 + 3 * X[:, 0] - 2 * X[:, 1], -1 - 2 * X[:, 0] + X[:, 1])
     numeric = law + 0.01 * rng.normal(size=len(X))
@@ -45,7 +45,7 @@ def scores(seed):
     return told
 
 
-found = np.array([scores(seed) for seed in range(5)])  # draws, orders, (score, share of the modes)
+found = np.array([scores(seed) for seed in range(3)])  # draws, orders, (score, share of the modes)
 for front, behind in found:
     print(f"in front: score {front[0]:.3f}, modes right {front[1]:.1%}; "
           f"behind: score {behind[0]:.3f}, modes right {behind[1]:.1%}")
