@@ -84,9 +84,9 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 MOST_LINES = {
     "_automaton": 3460,
     "_automaton_search": 5600,
-# - SpaceEx locations in which no time passes, or nothing can be (`_automaton/spaceex_pruning`);
-#   instants that lie on samples (`_automaton_search`), and what drives states and is no noise
-#   (`_discrete_stays/persistence`).
+    # - SpaceEx locations in which no time passes, or nothing can be (`_automaton/spaceex_pruning`);
+    #   instants that lie on samples (`_automaton_search`), and what drives states and is no noise
+    #   (`_discrete_stays/persistence`).
     "_checks": 600,
     "_cli": 4250,
     "_data": 2340,
