@@ -167,7 +167,7 @@ CHANGES = {
 }
 SHARE = 0.02  # of the rows, beside a surface
 # Where a descent stops, of the spread of velocities: a tenth of the error that noise leaves there.
-STOPS = {by_recordings: 1e-4}
+STOPS = {by_recordings: 1e-4, by_command: 1e-4}
 
 # Plants of each estimator, those that are tried at once before those that are tried at night, and
 # the changes that are tried at once.
