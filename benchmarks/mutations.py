@@ -15,7 +15,7 @@ first, until one fails, for at most ``BUDGET`` seconds of theirs. What happens i
 - *unseen*: no test of the room runs the line.
 
 Results are kept beside ``--work`` as they come, and a run that was stopped goes on. With ``--docs``
-the table goes into ``docs/mutations_table.md``, with the reasons that stand in
+the table goes into ``docs/mutations_table_0.md``, 0 the seed, with the reasons that stand in
 ``benchmarks/mutations_unnoticed.json`` beside changes that no test could notice.
 """
 
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import hashlib
 import json
 import os
 import shutil
@@ -124,8 +125,12 @@ class Lines:
 
 
 def tested(room: str, work: Path) -> dict:
-    """Which tests run which line of a room: measured once, and kept."""
-    path = work / f"lines_{room}.json"
+    """Which tests run which line of a room: measured once, and kept while both are the same."""
+    sources = hashlib.sha256()
+    for folder in (f"swsysid/{room}", f"tests/{ROOMS[room]}"):
+        for file in sorted((work / "copy" / folder).rglob("*.py")):
+            sources.update(file.read_bytes())
+    path = work / f"lines_{room}_{sources.hexdigest()[:12]}.json"
     if not path.exists():
         print(f"{room}: which test runs which line", file=sys.stderr, flush=True)
         with_lines = {"MUTATIONS_LINES": str(path), "MUTATIONS_ROOM": f"swsysid/{room}"}
@@ -321,4 +326,6 @@ if __name__ == "__main__":
     text = page(sample(arguments.rooms, arguments.sample, arguments.seed, arguments.work.resolve()))
     print(text)
     if arguments.docs:
-        (arguments.docs / "mutations_table.md").write_text(text + "\n", encoding="utf-8")
+        (arguments.docs / f"mutations_table_{arguments.seed}.md").write_text(
+            text + "\n", encoding="utf-8"
+        )

@@ -96,7 +96,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         What the inputs, or each of them, do between two samples, as of `TrajectoryIdentifier`. In
         discrete time every row acts.
     known : Known or list of str, default=None
-        What is known of the laws before, as for `TrajectoryIdentifier`; in continuous time.
+        What is known of the laws before, as for `TrajectoryIdentifier`. In discrete time terms
+        have names such as ``x0[k]``.
     random_state : int, RandomState instance or None, default=None
     verbose : int, default=0
         1 shows the rounds on standard error.
@@ -249,9 +250,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         degree = whole("guard_degree", self.guard_degree)
         discrete, order = flag("discrete_time", self.discrete_time), check_order(self.order)
         refine, laws_known = flag("refine", self.refine), known_laws(self.known, OF_TRANSITIONS)
-        sampled.check_times(
-            discrete, order, self.lags, self.sparsity, self.input_hold, knows=bool(laws_known)
-        )
+        sampled.check_times(discrete, order, self.lags, self.sparsity, self.input_hold, laws_known)
         if discrete and t is None and not isinstance(x, (list, dict)):
             n_rows = len(table("x", x, missing=True))
             t = np.arange(n_rows) if groups is None else places_along(groups)
@@ -267,7 +266,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
             if discrete:
                 found = sampled.identified(
                     given, lags=self.lags, library=self.feature_library, n_modes=self.n_modes,
-                    max_modes=whole("max_modes", self.max_modes), degree=degree,
+                    max_modes=whole("max_modes", self.max_modes), degree=degree, known=laws_known,
                 )  # fmt: skip
             else:
                 terms = GuardTerms(degree, self.unguarded_inputs)

@@ -110,12 +110,18 @@ class EffectRegressor(ToOtherTools, ScoredByR2, MultiOutputMixin, RegressorMixin
         records = self._records(X, t, groups, signals, terms)
         start = None if modes is None else _checked_modes(modes, len(X))
         declared = declared_model(self.estimator, records)
+        for term in terms:
+            term.check_number("mode", MOST_MODES)
+            if term.replaced is not None:
+                term.check_number("replaced", declared.library(records.X).shape[1])
         records = with_quantity(declared, records, targets, given)
         stated = as_stated(declared, records)
         if stated is not None:
             decoded = with_decoded_modes(stated, records, rows, targets) if start is None else None
             records = replace(records, decoded_modes=start) if decoded is None else decoded
         fit = fit_with_shapes(declared, terms, records, rows, targets, start)
+        for term in terms:
+            term.check_number("mode", fit.n_modes)
         warn_of_doubts(fit, 3)
         return self._adopt(fit, records.names)
 

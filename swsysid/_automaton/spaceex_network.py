@@ -8,7 +8,7 @@ know are taken by these together.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from xml.etree import ElementTree
@@ -74,9 +74,8 @@ class Component:
 
     def states_named(self) -> set[str]:
         """Names that a flow moves, that an assignment sets or reads, or that a guard asks."""
-        told = (part for edge in self.edges for part in (*edge.guard, *edge.assignment))
-        moving = (location.moving for location in self.locations)
-        return set().union(*map(_NAME.findall, told), *moving)
+        told = [part for edge in self.edges for part in (*edge.guard, *edge.assignment)]
+        return names_in(told).union(*(location.moving for location in self.locations))
 
     def without(self, condition: str) -> Component:
         """The same without one of the conditions of its invariants."""
@@ -92,9 +91,7 @@ class Component:
         """The same with other texts in the place of names."""
 
         def new(conditions: tuple[str, ...]) -> tuple[str, ...]:
-            return tuple(
-                _NAME.sub(lambda match: texts.get(match[0], match[0]), one) for one in conditions
-            )
+            return tuple(renamed(one, texts) for one in conditions)
 
         locations = [
             replace(one, flow=new(one.flow), invariant=new(one.invariant)) for one in self.locations
@@ -340,6 +337,16 @@ def conditions(element: ElementTree.Element, tag: str) -> tuple[str, ...]:
     text = " & ".join((child.text or "").strip() for child in _children(element, tag))
     parts = (" ".join(part.split()) for part in text.split("&"))
     return tuple(part for part in parts if part not in ("", "true"))
+
+
+def names_in(texts: Iterable[str]) -> set[str]:
+    """Names that stand in texts."""
+    return set().union(*map(_NAME.findall, texts))
+
+
+def renamed(text: str, texts: Mapping[str, str]) -> str:
+    """A text with others in the place of names."""
+    return _NAME.sub(lambda match: texts.get(match[0], match[0]), text)
 
 
 def refusal(why: str) -> ValueError:

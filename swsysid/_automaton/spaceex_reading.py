@@ -35,6 +35,7 @@ from swsysid._automaton.spaceex_network import (
     read_component,
     refusal,
 )
+from swsysid._automaton.spaceex_pruning import without_contradictions, without_instants
 from swsysid._automaton.stating import constants_of
 from swsysid._checks.parameters import flag, shown
 from swsysid.exporting._text import identifiers
@@ -79,8 +80,15 @@ def read_spaceex(
     if not written_here:
         read = _with_inputs(_without_outputs(_clocks_renamed(read)))
     model = SpaceexModel(read.of_kind("state"), read.of_kind("input"), values)
+    columns = [*model.states, *model.inputs, *CLOCKS]
+    read = without_contradictions(read, lambda part: _is_possible(part, columns, values))
     start, mode = told.start(model.states), _first_mode(read, told.locations)
+    read, mode, begun = without_instants(read, mode, lambda part: _assignments(part, "assignment"))
     if start is not None and mode is not None:
+        start = [
+            _at(read_polynomial(begun.get(name, name), model.states, values), start)
+            for name in model.states
+        ]
         model.first_modes = FirstModes(np.array([start]), np.array([mode]))
     model.laws = [_law(one, model.states) for one in read.locations]
     resets = [_assignments(one.assignment, "assignment") for one in read.edges]
@@ -179,8 +187,6 @@ def _set_clocks_apart(model: SpaceexModel, resets: list[dict[str, str]]) -> None
 
 def _law(location: Location, states: Sequence[str]) -> dict[str, str]:
     """The rates of all states in a location."""
-    if "false" in location.flow:
-        raise refusal(f"no time passes in location {location.name}, and modes here last")
     told = _assignments(location.flow, "flow")
     open_ones = [name for name in states if name not in told]
     if open_ones:
@@ -206,6 +212,31 @@ def _assignments(parts: tuple[str, ...], where: str) -> dict[str, str]:
 # -- what the conditions mean ------------------------------------------------------------------
 
 
+def _positives(
+    invariant: Sequence[str], columns: Sequence[str], values: Mapping[str, float]
+) -> list[Polynomial]:
+    """What an invariant says is not negative; of an equation both sides."""
+    found: list[Polynomial] = []
+    for one in (one for part in invariant for one in inequalities_in(part)):
+        left, equal, right = one.partition("==")
+        sides = (f"{left}<={right}", f"{left}>={right}") if equal else (one,)
+        found += [read_inequality(side, columns, values) for side in sides]
+    return found
+
+
+def _is_possible(
+    invariant: Sequence[str], columns: Sequence[str], values: Mapping[str, float]
+) -> bool:
+    """Whether nothing shows that an invariant holds nowhere."""
+    nowhere: Polynomial = {(0,) * len(columns): -1.0}
+    return not follows(nowhere, (), _positives(invariant, columns, values))
+
+
+def _at(polynomial: Polynomial, state: Sequence[float]) -> float:
+    """Its value."""
+    return float(sum(coef * np.prod(np.power(state, row)) for row, coef in polynomial.items()))
+
+
 class _Checks:
     """The polynomials of a model, and whether it means the same there and here."""
 
@@ -216,8 +247,7 @@ class _Checks:
         for rates in self.rates:
             rates.update(dict.fromkeys(self._clocks, self._one))
         self.invariants = [
-            [self._positive(one) for part in location.invariant for one in inequalities_in(part)]
-            for location in read.locations
+            _positives(location.invariant, self.columns, parameters) for location in read.locations
         ]
         self.guards: list[list[Polynomial]] = []  # what must not be negative
 

@@ -32,7 +32,7 @@ from swsysid._automaton_search.assembly import (
 )
 from swsysid._automaton_search.certificates import certificates
 from swsysid._automaton_search.cutting import Cut, Cutting, apart, search_of
-from swsysid._automaton_search.doubts import shared_exits
+from swsysid._automaton_search.doubts import ASKED_AT_SAMPLES, shared_exits
 from swsysid._automaton_search.elsewhere import (
     automaton_from,
     errors_elsewhere,
@@ -297,7 +297,9 @@ def _excess(usual: Array, given: Given, told: Told, noise: SampleNoise) -> float
 def _shared_exits(
     found: list[Settled], stays: StayIdentification, origin: Origin, answer: Assembled
 ) -> Iterator[str]:
-    """What is said of modes that are left two ways at one guard."""
+    """What is said of modes that are left two ways at one guard, and of guards at samples."""
+    if any(one.asked_at_samples for one in found):
+        yield ASKED_AT_SAMPLES
     interval, laws = stays.estimate.nodes.recordings.interval, stays.estimate.laws
     crossed = {one.pair: one.switches.before(laws) for one in found}
 
@@ -305,7 +307,7 @@ def _shared_exits(
         assert one.guard is not None, "only guards are compared"
         return share_risen(one.guard, *crossed[other.source, other.target], interval)
 
-    return shared_exits(
+    yield from shared_exits(
         [one.transition for one in found],
         rises,
         lambda one: crossed[one.source, one.target][0] + np.append(origin.offset, [0.0, 0.0]),

@@ -20,6 +20,11 @@ _FEW = 10
 # of a stretch of it from where they surely leave it to their next switch.
 _FAR = 3.0
 
+ASKED_AT_SAMPLES = (
+    "All switches where states go on lie on samples: what decides is asked there. The guards are "
+    "those at which it happens in the mean, half a sample after they rise."
+)
+
 
 def imitates(found: IdentifiedAutomaton) -> bool:
     """Whether modes that nothing tells alternate so fast that they make up any curve."""
@@ -48,14 +53,17 @@ def untold_switches(found: IdentifiedAutomaton) -> str:
 def strays(found: IdentifiedAutomaton) -> str:
     """What is said of an automaton that leaves its own recordings by itself, "" if it does not.
 
-    Where it does so as a motion does whose start is not known, or that noise drives, that is no
-    proof against it.
+    Where there is less noise than rollouts may be off by, and instants are known, any that surely
+    leaves a recording is far from it. Where it does so as a motion does whose start is not known,
+    or that noise drives, that is no proof against it.
     """
     rollouts = found.rollouts
-    driven = found.noises is not None and found.noises.drives
+    noises = found.noises
+    driven = noises is not None and noises.drives and not noises.goes_on
     stretches = [one.leaves for one in rollouts.breaks]  # without one, by a few outliers
-    far = bool(stretches) and bool(np.max([rollouts.left_of_each.max(), *stretches]) > _FAR)
-    if driven or rollouts.hangs_on_start or not far:
+    exact = not rollouts.in_noise and ASKED_AT_SAMPLES not in found.shared_exits
+    far = exact or bool(np.max([rollouts.left_of_each.max(), *stretches]) > _FAR)
+    if driven or rollouts.hangs_on_start or not (stretches and far):
         return ""
     return f"By itself the automaton leaves {rollouts.strays}; report_ says more."
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -113,6 +113,15 @@ def without_clocks(columns: Array) -> Array:
     return unknown
 
 
+def simplest(guards: Iterable[FoundGuard | None]) -> FoundGuard | None:
+    """The one of least cost; of those that cost the same to a nat, the first."""
+    best = None
+    for one in guards:
+        if one is not None and (best is None or one.cost < best.cost - SETTINGS.better):
+            best = one
+    return best
+
+
 def cheapest_guard(
     n_columns: int,
     guard_of: Callable[[NDArray[np.intp]], FoundGuard | None],
@@ -124,17 +133,13 @@ def cheapest_guard(
     One to begin with, if there is any, is left only for one that is better. Its rivals are the
     cheapest ones that tell the same switches to within samples, which are an `interval` apart.
     """
-    every = [] if best is None else [best]
-    for count in range(1, min(SETTINGS.most_columns, n_columns) + 1):
-        for some in combinations(range(n_columns), count):
-            found = guard_of(np.array(some))
-            if found is None:
-                continue
-            every.append(found)
-            if best is None or found.cost < best.cost - SETTINGS.better:
-                best = found
+    counts = range(1, min(SETTINGS.most_columns, n_columns) + 1)
+    sets = (some for count in counts for some in combinations(range(n_columns), count))
+    tried = [best, *(guard_of(np.array(some)) for some in sets)]
+    best = simplest(tried)
     if best is None:
         return None
+    every = [one for one in tried if one is not None]
     rivals: list[FoundGuard] = []
     for one in sorted(every, key=lambda one: (len(one.some), one.cost)):
         known_already = any(set(other.some) <= set(one.some) for other in rivals)

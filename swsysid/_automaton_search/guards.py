@@ -13,10 +13,10 @@ surface is crossed both ways it is above zero at those of the other one (s = 1):
 
 The rates :math:`\rho = |a \cdot \dot\phi|` make times of what is missing, so that
 :math:`\sigma_k`, the standard error of the instant, measures it: the scale of a guard means
-nothing, and its sign is that in which it rises. Standard errors may be too small, by the same
-:math:`\lambda \ge 1` for all. A switch that the guard does not explain, since it is none, costs
-what it does at random in a stay of mean duration T, :math:`B = \log (T / \sigma)`, and so does a
-coefficient, with which one more switch can be explained.
+nothing, and its sign is that in which it rises; a switch at which it falls it does not explain.
+Standard errors may be too small, by the same :math:`\lambda \ge 1` for all. A switch that the guard
+does not explain, since it is none, costs what it does at random in a stay of mean duration T,
+:math:`B = \log (T / \sigma)`, and so does a coefficient: one more switch can be explained with it.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from swsysid._automaton_search.few_columns import (
     FewColumns,
     cheapest_guard,
     known,
+    simplest,
     without_clocks,
 )
 from swsysid._automaton_search.found import FoundGuard
@@ -44,6 +45,7 @@ from swsysid._results import Array
 # without sides, and those in which switches that it does not explain are left out.
 _SLOWEST = 0.1
 _TURNS, _TURNS_WITHOUT_SIDES, _TURNS_OF_EXPLAINED = 12, 4, 4
+_FALLS = 1e100  # deviations by which a guard misses a switch at which it falls
 
 
 # Guards by the names of what they are found from.
@@ -122,14 +124,16 @@ def best_guard(
 ) -> FoundGuard | None:
     """The guard of least cost among those of few columns, or the one of some columns.
 
-    `solved` are guards of this degree and interval that are known, and those found here go there.
+    It has the least degree up to this one that costs the least. `solved` are guards of this degree
+    and interval that are known, and those found here go there.
     """
     known_ones: Solved = {} if solved is None else solved
 
     def guard_of(some: NDArray[np.intp]) -> FoundGuard | None:
         name = crossed.told_by(some)
         if name not in known_ones:
-            known_ones[name] = _guard_of(crossed, some, degree)
+            tried = (_guard_of(crossed, some, each) for each in range(1, degree + 1))
+            known_ones[name] = simplest(tried)
         return known_ones[name]
 
     if some is not None:
@@ -248,7 +252,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
     rates, weights = np.ones(len(values)), np.ones(len(values))
     beside_rates, pulls = np.ones(len(beside)), np.zeros(len(beside))
     wrong, turn, last = np.zeros(len(beside)), 0, _TURNS + _TURNS_OF_EXPLAINED
-    coef = np.zeros(len(rising))
+    coef, missed = np.zeros(len(rising)), np.zeros(len(values))
     while turn < last:
         pulling, before = pulls > 0.0, np.concatenate([coef, weights, pulls])
         rows = np.vstack([
@@ -262,6 +266,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
         rates = np.maximum(own_rates, least)
         beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
         times = values @ coef / rates
+        missed = np.where(slopes @ coef > 0.0, times / errors, _FALLS)
         wrong = -own.signs * (beside @ coef) / beside_rates
         beyond = (pulling & (wrong > -unit)) | (wrong > unit)
         # least absolute deviations first, then least squares of those that are explained
@@ -270,7 +275,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
         if turn >= _TURNS_WITHOUT_SIDES:
             pulls = np.where(beyond, np.square(_least_absolute(wrong / unit)), 0.0)
         if turn >= _TURNS:
-            told = _explained(times / errors, random)
+            told = _explained(missed, random)
             weights = np.where(told.which, 1.0 / told.scale, 0.0)
             pulls[_costs_beside(wrong, unit) > random] = 0.0
         # where nothing changes any more the turns of the next kind begin
@@ -279,7 +284,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
         if change <= SETTINGS.exact * min(1.0, np.abs(coef).max()):
             kinds = _TURNS_WITHOUT_SIDES, _TURNS, last
             turn = next(first for first in kinds if first >= turn)
-    told = _explained(times / errors, random)
+    told = _explained(missed, random)
     cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
     rows = values * (weights / (rates * errors))[:, None]
     n_beyond = int((wrong > SETTINGS.near * own.interval).sum())

@@ -78,6 +78,7 @@ class Settled:
     reset: FoundReset | None
     cost: float = 0.0
     forestalled: bool = False  # by another one, always
+    asked_at_samples: bool = False  # so that the instant is known to an interval
 
     @property
     def pair(self) -> tuple[int, int]:

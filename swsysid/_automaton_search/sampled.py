@@ -44,10 +44,13 @@ from swsysid._discrete_stays.identify import (
     parted,
     with_guards,
 )
+from swsysid._discrete_stays.knowledge import checked
 from swsysid._discrete_stays.lagged import KnownGuard
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._journal import step
+from swsysid._known.checks import KnownCheck
+from swsysid._known.known import Known, refuse_energies
 from swsysid._results import Array
 from swsysid._stays.given import Given
 
@@ -59,7 +62,12 @@ Pair = tuple[int, int]
 
 
 def check_times(
-    discrete: bool, order: int, lags: object, sparsity: object, input_hold: object, *, knows: bool
+    discrete: bool,
+    order: int,
+    lags: object,
+    sparsity: object,
+    input_hold: object,
+    known: Known | None,
 ) -> None:
     """ValueError for what is asked of the other kind of time."""
     whole("lags", lags, least=0, also=("auto",))
@@ -71,11 +79,10 @@ def check_times(
         return
     if order == 2:
         raise ValueError("order=2 is for continuous time; in discrete time set lags=1.")
-    if knows:
-        raise ValueError(
-            "known is held in continuous time; leave it out, or fit a SwitchingSystemRegressor "
-            "with discrete_time=True to states and next states."
-        )
+    if known is not None:
+        if lags == "auto":
+            raise ValueError("known needs the number of lags, by which terms have their names.")
+        refuse_energies(known)
     if sparsity is not None:
         raise ValueError("sparsity is for continuous time; leave it at None.")
     if input_hold != "auto":
@@ -90,16 +97,22 @@ def identified(
     n_modes: int | str,
     max_modes: int,
     degree: int,
+    known: Known | None = None,
 ) -> IdentifiedAutomaton:
     """The automaton of some recordings; `degree` is that of the guards."""
-    stays = identify_stays(
-        given.records,
-        lags,
-        library=library,
-        n_modes=n_modes,
-        channels=given.names,
-        max_modes=max_modes,
-    )
+
+    def anew(left_out: frozenset[int]) -> DiscreteStays:
+        return identify_stays(
+            given.records,
+            lags,
+            library=library,
+            n_modes=n_modes,
+            channels=given.names,
+            max_modes=max_modes,
+            known=known.without(left_out) if known is not None else None,
+        )
+
+    stays = anew(frozenset())
     told = _Told.of(ModeRows(stays, given), degree)
     most = max_modes if n_modes == "auto" else int(n_modes)
     for otherwise in (finer, parted):
@@ -110,7 +123,7 @@ def identified(
             again = _Told.of(ModeRows(other, given), degree)
             if follows_better(again.rollouts, told.rollouts):
                 told, stays = again, other
-    return told.answer()
+    return told.answer(checked(told.made.rows.stays, told.made.order, anew))
 
 
 @dataclass(frozen=True)
@@ -144,7 +157,7 @@ class _Told:
         made = with_guards(guards)
         return cls(sure, made, *made.rolled_out(noise))
 
-    def answer(self) -> IdentifiedAutomaton:
+    def answer(self, known: tuple[KnownCheck, ...]) -> IdentifiedAutomaton:
         """All that is said of it."""
         made, sure, rows = self.made, self.sure, self.made.rows
         found, order, automaton, stays = made.found, made.order, made.automaton, rows.stays
@@ -164,6 +177,7 @@ class _Told:
             stays.candidates,
             int(stays.straddling.sum() - jumps - rows.n_made_anew),
             noises=sure.noises,
+            known=known,
         )
 
 
@@ -367,7 +381,7 @@ def _agreements(stays: DiscreteStays, pair: Pair, degree: int) -> Sequence[Polyn
     surfaces = []
     for coef, size in zip(apart, sizes, strict=True):
         kept = size > SETTINGS.exact * size.max()
-        if powers[kept].sum(axis=1).max() <= degree:
+        if kept.any() and powers[kept].sum(axis=1).max() <= degree:
             wide = np.pad(powers[kept], ((0, 0), (0, len(CLOCKS))))
             surfaces.append(PolynomialGuard(coef[kept], wide.astype(np.intp)))
     return surfaces

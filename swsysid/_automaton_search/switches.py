@@ -17,6 +17,9 @@ from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.pieces import Pieces
 from swsysid._stays.samples import modes_of, states_of
 
+# Of an interval, within which an instant lies on a sample; chance at which all of them do.
+_ON_SAMPLE, _CHANCE = 0.01, 1e-9
+
 
 @dataclass(frozen=True)
 class Switches:
@@ -50,6 +53,11 @@ class Switches:
         """The same at other instants, those of jumps within their samples."""
         times = np.where(self.jumped, np.clip(times, *self.known.T), self.times)
         return replace(self, times=times)
+
+    def asked_at_samples(self, interval: float) -> Switches:
+        """The same where a guard that the state goes on at has risen since the sample before."""
+        errors = np.where(self.jumped, self.errors, interval / np.sqrt(12.0))
+        return replace(self, errors=errors)
 
     def before(self, laws: Laws) -> tuple[Array, Array]:
         """Columns at the instants in the old modes, and their rates.
@@ -149,6 +157,27 @@ def switches_of(
     switches = Switches(*(np.concatenate(pair) for pair in pairs))
     ordered = switches.take(np.lexsort((switches.times, switches.recording)))
     return ordered, _visits(found, begins)
+
+
+def at_samples(found: StayIdentification) -> bool:
+    """Whether all instants lie on samples, by more than chance: what decides may be asked there."""
+    stays, recordings = found.estimate.nodes.stays, found.estimate.nodes.recordings
+    if not any(len(own.instants) for own in stays):
+        return False
+    off = np.concatenate(
+        [
+            _off_samples(own.instants, t[places])
+            for own, t, places in zip(stays, recordings.times, recordings.sampled, strict=True)
+        ]
+    )
+    on_samples = off.max() <= _ON_SAMPLE * recordings.interval
+    return bool(on_samples and len(off) * np.log(2.0 * _ON_SAMPLE) < np.log(_CHANCE))
+
+
+def _off_samples(instants: Array, t: Array) -> Array:
+    """Times to the nearest sample."""
+    after = np.clip(np.searchsorted(t, instants), 1, len(t) - 1)
+    return np.minimum(np.abs(instants - t[after - 1]), np.abs(t[after] - instants))
 
 
 def _blurred(laws: Laws, modes: Modes, columns: Array, noise: Array) -> Array:

@@ -22,7 +22,8 @@ from swsysid._automaton_search.guards import (
     where_it_rises,
 )
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
-from swsysid._automaton_search.switches import Switches, Visits, switches_of
+from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_search.switches import Switches, Visits, at_samples, switches_of
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
@@ -38,15 +39,46 @@ _MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
     """Guards, resets and instants of all transitions."""
     known = terms, pieces.given.n_positions, Solved()
-    found = _settled(stays, switches_of(stays, pieces), *known)
+    found = _at_samples_or_not(stays, switches_of(stays, pieces), *known)
     began = np.full(len(pieces.first), np.nan)
     for one in found:
         own = one.switches
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        found = _settled(stays, switches_of(stays, pieces, began), *known)
+        found = _at_samples_or_not(stays, switches_of(stays, pieces, began), *known)
     return found
+
+
+def _at_samples_or_not(
+    stays: StayIdentification,
+    told: tuple[Switches, Visits],
+    terms: GuardTerms,
+    positions: int,
+    solved: Solved,
+) -> list[Settled]:
+    """Guards that rise at the instants, or between samples at which they are asked.
+
+    The first must tell each instant better, by a nat: errors that are too small by the same for all
+    are as likely as an interval is.
+    """
+    found = _settled(stays, told, terms, positions, solved)
+    if not at_samples(stays):
+        return found
+    switches, visits = told
+    interval = stays.estimate.nodes.recordings.interval
+    switches = switches.asked_at_samples(interval)
+    asked = _settled(stays, (switches, visits), terms, positions, solved)
+    if _nats(found, interval) + len(switches) <= _nats(asked, interval):
+        return found
+    return [replace(one, asked_at_samples=not one.switches.jumped.all()) for one in asked]
+
+
+def _nats(found: Sequence[Settled], interval: float) -> float:
+    """What the guards leave unexplained of the instants, by the density of these."""
+    told = [(one.guard.cost, one.switches.errors) for one in found if one.guard is not None]
+    least = SETTINGS.instant * interval
+    return sum(cost + float(np.log(np.maximum(errors, least)).sum()) for cost, errors in told)
 
 
 def _settled(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from swsysid._data.features import FeatureMap
 from swsysid._data.trajectories import spread
 from swsysid._discrete_stays.lagged import Labels, LaggedRows
 from swsysid._discrete_stays.rows import RowProblem
+from swsysid._known.known import Known
+from swsysid._known.region import Region
 from swsysid._results import Array
 
 # Rows in which starts are compared, in pieces of so many in a row.
@@ -29,22 +31,38 @@ class DiscreteData:
     feature_unit: Array  # (n_features,): root mean square, 1 where it is zero
     target_unit: Array  # (n_states,): deviation
     memory: Labels  # (n_features,): the longest lag that each sees
+    known: Known | None = None
 
     @classmethod
-    def of(cls, rows: LaggedRows, feature_map: FeatureMap) -> DiscreteData:
+    def of(
+        cls, rows: LaggedRows, feature_map: FeatureMap, known: Known | None = None
+    ) -> DiscreteData:
         """Rows with the units that they ask for."""
         features = feature_map(rows.columns)
         size = np.sqrt(np.square(features).mean(axis=0))
         unit = np.where(size > 0.0, size, 1.0)
         memory = _memory(rows, feature_map)
-        return cls(rows, feature_map, features, unit, spread(rows.targets), memory)
+        return cls(rows, feature_map, features, unit, spread(rows.targets), memory, known)
 
     @cached_property
     def problem(self) -> RowProblem:
         """Features, targets and stretches of the rows."""
         features = self.row_features / self.feature_unit
         targets = self.rows.targets / self.target_unit
-        return RowProblem(features, targets, self.rows.begins, self.memory)
+        region = None if self.known is None else self.region
+        return RowProblem(features, targets, self.rows.begins, self.memory, region)
+
+    def region(self, n_modes: int) -> Region:
+        """What is known of so many laws, in these units."""
+        unit = self.target_unit[:, None] / self.feature_unit
+        return self.region_of_user(n_modes).in_units(unit)
+
+    def region_of_user(self, n_modes: int) -> Region:
+        """The same in the units of the user."""
+        assert self.known is not None, "something is known"
+        equations = (name.removesuffix("[k]") for name in self.rows.names[: self.rows.n_states])
+        terms = tuple(map(str, self.feature_map.names_out))
+        return _region(self.known, tuple(equations), terms, n_modes)
 
     @cached_property
     def column_unit(self) -> Array:
@@ -93,6 +111,13 @@ class DiscreteData:
         count = max(1, _MOST_SEARCHED * n_pieces // n)
         kept = np.linspace(0, n_pieces - 1, count).round().astype(int)
         return self.take(np.flatnonzero(np.isin(piece, kept)))
+
+
+@lru_cache(maxsize=32)
+def _region(
+    known: Known, equations: tuple[str, ...], terms: tuple[str, ...], n_modes: int
+) -> Region:
+    return known.region(equations, terms, n_modes)
 
 
 def _memory(rows: LaggedRows, feature_map: FeatureMap) -> Labels:

@@ -19,8 +19,9 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import KnownGuard, Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
+from swsysid._discrete_stays.persistence import goes_on
 from swsysid._discrete_stays.relations import parted_by_relations
-from swsysid._discrete_stays.rows import RowFit, RowProblem
+from swsysid._discrete_stays.rows import RowFit
 from swsysid._discrete_stays.search import (
     DiscreteCandidate,
     Found,
@@ -31,6 +32,7 @@ from swsysid._discrete_stays.search import (
 )
 from swsysid._discrete_stays.states import NoiseProfile, with_states
 from swsysid._journal import step
+from swsysid._known.known import Known
 from swsysid._results import Array
 from swsysid._stays.arrow import covariance_of
 
@@ -99,6 +101,7 @@ def identify_stays(
     channels: Sequence[str] | None = None,
     max_modes: int = 6,
     most_lags: int = 4,
+    known: Known | None = None,
 ) -> DiscreteStays:
     """Laws and stays of recordings of a system that switches at samples.
 
@@ -118,6 +121,8 @@ def identify_stays(
         Names of the states and inputs.
     max_modes, most_lags : int
         Where they are to be found.
+    known : Known, default=None
+        What is known of the laws.
 
     Returns
     -------
@@ -152,7 +157,7 @@ def identify_stays(
     def searched(lags: int) -> Searched:
         rows = lagged_rows(ordered, lags, channels)
         feature_map = FeatureMap(library, rows.columns, rows.names)
-        search = StaySearch(DiscreteData.of(rows, feature_map), max_modes)
+        search = StaySearch(DiscreteData.of(rows, feature_map, known), max_modes)
         return search.best(None if n_modes == "auto" else int(n_modes))
 
     if lags != "auto":
@@ -273,6 +278,8 @@ class KindsOfNoise:
         Nats by which the rows are less likely if there is no other noise.
     laws_of_sensor, laws_of_equation : ndarray of shape (n_modes, n_states, n_features_out)
         Laws in that case.
+    goes_on : bool
+        Whether what the laws leave of rows goes on for a while, as no noise does.
     """
 
     sensor: Array
@@ -281,6 +288,7 @@ class KindsOfNoise:
     equation_alone: float
     laws_of_sensor: Array
     laws_of_equation: Array
+    goes_on: bool = False
 
     @property
     def sizes(self) -> tuple[Array, Array]:
@@ -310,7 +318,7 @@ class DiscreteCertainty:
         """That of an identification."""
         found, data, names = stays.searched.found, stays.searched.data, stays.names
         if found.states is None:
-            variance = _variance_by_rows(data.problem, found.fit)
+            variance = _variance_by_rows(data, found.fit)
             return cls(data.coef(np.sqrt(variance))[names], None)
         profile = NoiseProfile.of(data, found.fit, found.states)
         sensor = found.states.noise * data.target_unit
@@ -321,17 +329,25 @@ class DiscreteCertainty:
             float(profile.nats[-1]),
             data.coef(profile.coef[0])[names],
             data.coef(profile.coef[-1])[names],
+            goes_on(
+                np.where(found.fit.unexplained[:, None], 0.0, found.states.left),
+                data.rows.begins,
+                data.rows.lags,
+                found.states.tie,
+            ),
         )
         return cls(data.coef(np.sqrt(profile.variance))[names], noises)
 
 
-def _variance_by_rows(problem: RowProblem, fit: RowFit) -> Array:
+def _variance_by_rows(data: DiscreteData, fit: RowFit) -> Array:
     """Of laws of least squares; features that see further back than a law are none of it."""
-    variance = np.zeros(fit.coef.shape)
+    variance, problem = np.zeros(fit.coef.shape), data.problem
     for mode, law in enumerate(fit.coef):
         longest = problem.memory[law.any(axis=0)].max(initial=0)
         used = problem.memory <= longest
         features = problem.features[fit.lawful == mode][:, used]
         told = np.diag(covariance_of(features.T @ features))
         variance[mode][:, used] = np.outer(np.square(fit.scale[mode]), told)
+    if data.known is not None:  # exact rows: what is fixed has no error
+        variance[data.region(len(fit.coef)).fixed[0]] = 0.0
     return variance

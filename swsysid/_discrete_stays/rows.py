@@ -14,6 +14,7 @@ the shares of such rows and of switches that they have themselves.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.lagged import KnownGuard, Labels
+from swsysid._known.region import Region
+from swsysid._losses.within import Block, least_within
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid._stays.decoding import cheapest_modes
@@ -42,6 +45,7 @@ class RowProblem:
     targets: Array  # (n_rows, n_states)
     begins: NDArray[np.bool_]
     memory: Labels  # (n_features,): the longest lag that each feature sees
+    known: Callable[[int], Region] | None = None  # of so many laws; None where nothing is known
 
     @cached_property
     def floor(self) -> Array:
@@ -179,11 +183,33 @@ def fitted(problem: RowProblem, modes: Labels, coef: Array, free: NDArray[np.boo
     one after a switch says which of them the law sees: it is the shorter ones.
     """
     coef = coef.copy()
+    if problem.known is not None:
+        return _fitted_within(problem, problem.known(len(coef)), modes, coef, free)
     for mode, columns in enumerate(free):
         rows = modes == mode
         if rows.any():
             coef[mode] = law_of(problem, rows, columns)
     return coef
+
+
+def _fitted_within(
+    problem: RowProblem, region: Region, modes: Labels, coef: Array, free: NDArray[np.bool_]
+) -> Array:
+    """The same of laws that modes and equations may share, of what is known."""
+    own = np.repeat(free[:, None], coef.shape[1], axis=1)
+    coef = region.nearest(np.where(own, coef, 0.0), own, np.eye(int(own.sum())))
+    own &= (np.bincount(modes[modes >= 0], minlength=len(coef)) > 0)[:, None, None]
+    place, blocks = np.cumsum(own).reshape(own.shape) - 1, []
+    for mode, columns in enumerate(free):
+        rows = np.flatnonzero(modes == mode)
+        features = problem.features[rows]
+        for state, law in enumerate(coef[mode]):
+            left = problem.targets[rows, state] - features @ law
+            places = place[mode, state][own[mode, state]]
+            used = features[:, columns] if len(places) else features[:0, :0]
+            blocks.append(Block(used, left[: len(used)], np.ones(len(used)), rows, places))
+    coef[own] += least_within("squared", blocks, region.steps(coef, own))
+    return coef.clip(*region.box)
 
 
 def law_of(

@@ -24,7 +24,7 @@ from swsysid._discrete_stays.rows import (
     RowFit,
     RowProblem,
     as_fit,
-    law_of,
+    fitted,
     row_costs,
     scale_of,
     worth,
@@ -197,8 +197,9 @@ class Thresholds:
     def fit(self, data: DiscreteData) -> RowFit:
         """Laws of these modes, which cost what thresholds do and no switches."""
         problem, modes = data.problem, self.modes(data)
-        coef = np.array([law_of(problem, modes == mode) for mode in range(2)])
-        free = np.ones(coef[:, 0].shape, dtype=bool)
+        free = np.ones((2, problem.features.shape[1]), dtype=bool)
+        coef = np.zeros((2, problem.targets.shape[1], problem.features.shape[1]))
+        coef = fitted(problem, modes, coef, free)
         scale = scale_of(problem, coef, modes, free.sum(axis=1))
         costs = row_costs(problem, coef, scale)
         fit = as_fit(problem, coef, scale, SWITCHING, modes, costs)

@@ -34,6 +34,7 @@ from scipy.linalg import LinAlgError
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import RowFit, nats_of_unexplained
+from swsysid._known.program import Steps
 from swsysid._results import Array
 from swsysid._stays.arrow import Arrow, covariance_of
 from swsysid._stays.descent import descended
@@ -93,15 +94,19 @@ class StateEquations:
     value: float
     arrow: Arrow
     right: Array
+    steps: Steps | None = None  # of the free coefficients, that are allowed; None for all
 
     def step(self, damping: float) -> tuple[Array, float]:
         """The step of damped equations, and by how much it should lower the value."""
         try:
-            factor = self.arrow.factor(damping, np.finfo(float).tiny)
+            factor = self.arrow.factor(damping, np.finfo(float).tiny, self.steps)
         except LinAlgError:  # not positive by rounding, or not finite
             return np.zeros(len(self.right)), 0.0
         step = factor.solve(self.right)
-        held = factor.more @ np.square(step[len(self.right) - len(factor.more) :])
+        corner = step[len(self.right) - len(factor.more) :]
+        held = factor.more @ np.square(corner)
+        if self.steps is not None:
+            held += corner @ factor.held_back(self.right, corner)
         return step, 0.5 * float(self.right @ step + held)
 
 
@@ -117,6 +122,7 @@ class StateProblem:
     ):
         rows = data.rows
         self.data, self.modes, self.free, self.noise = data, modes, free, noise
+        self.region = None if data.known is None else data.region(len(free))
         # standard deviations of what the rows leave, (n_rows, n_states)
         self.disturbance = np.where((modes < 0)[:, None], 1.0, tie * noise)
         # samples side by side, those of a recording in a row
@@ -180,7 +186,8 @@ class StateProblem:
             gradient[self.back[:, place]] += np.einsum("irc,ir->ic", slope, left)
         border, corner, right = self._of_laws(slopes, left, features)
         arrow = Arrow(self._band(slopes), border, corner)
-        return StateEquations(value, arrow, np.append(-gradient.ravel(), right))
+        steps = None if self.region is None else self.region.steps(coef, trial.free)
+        return StateEquations(value, arrow, np.append(-gradient.ravel(), right), steps)
 
     def _of_laws(self, slopes: Array, left: Array, features: Array) -> tuple[Array, Array, Array]:
         """What the free coefficients have in common with the states and with each other."""
@@ -239,7 +246,10 @@ def with_states(
         coef, states, noise = near.coef, near.states, near.noise
     problem = StateProblem(data, fit.lawful, free, np.maximum(noise, _LEAST_NOISE), tie)
     coef, states = np.where(free[:, None], coef, 0.0), problem.y if states is None else states
-    trial = LawsAndStates(coef, problem.columns_of_coef >= 0, states)
+    own = problem.columns_of_coef >= 0
+    if problem.region is not None:
+        coef = problem.region.nearest(coef, own, np.eye(int(own.sum())))
+    trial = LawsAndStates(coef, own, states)
     found, _ = descended(trial, problem, _MOST_STEPS, _CLOSELY)
     left = problem.left(found.coef, found.states, data.features(problem.columns(found.states)))
     noise = _noise(problem, found.states, left, tie)
@@ -263,7 +273,10 @@ def _cost(problem: StateProblem, equations: StateEquations, fit: RowFit) -> floa
     nats = equations.value + len(problem.y) * np.log(problem.noise).sum()
     nats += 0.5 * arrow.log_det_of_band + np.log(problem.disturbance).sum()
     nats += nats_of_unexplained(problem.modes < 0)
-    nats += 0.5 * float(np.linalg.slogdet(np.eye(len(arrow.corner)) + arrow.schur)[1])
+    told = np.eye(len(arrow.corner)) + arrow.schur
+    if equations.steps is not None:  # of what is known no nat is paid
+        told = equations.steps.basis.T @ told @ equations.steps.basis
+    nats += 0.5 * float(np.linalg.slogdet(told)[1])
     return float(nats + fit.of_switches)
 
 
@@ -275,7 +288,12 @@ def law_covariance(
     own = problem.columns_of_coef >= 0
     equations = problem.normal_equations(LawsAndStates(found.coef, own, found.states))
     variances = np.zeros(found.coef.shape)
-    variances[own] = np.diag(covariance_of(equations.arrow.schur))
+    schur = equations.arrow.schur
+    if equations.steps is None or problem.region is None:
+        variances[own] = np.diag(covariance_of(schur))
+    else:  # on a bound that of what it is without
+        variances[own] = np.diag(equations.steps.without_bounds.inverse(schur))
+        variances[problem.region.fixed[0]] = 0.0
     return variances
 
 

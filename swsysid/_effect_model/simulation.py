@@ -189,7 +189,8 @@ class _AutomatonRollout(_Rollout):
         system.begin(self.x0, self.inputs[0], float(self.t[0]), self._first(mode))
         if self.is_discrete:
             rows = self.given.sampled(self.given.t)
-            return iterate_with_effects(system, self.x0, self.t, rows, options)
+            present, x0 = system.present, self.x0[None]
+            return iterate_automaton(_Map(system), present, x0, self.t, rows, options)
         grid, _, pieces = self._stretches()
         return self.without_sides(follow_automaton(system, self.x0, grid, pieces, options))
 
@@ -310,13 +311,6 @@ class AutomatonEffects(EffectFields, PresentMode):
             columns = np.concatenate([x, u[: own.n_inputs], (0.0, time)])
             mode = first_mode(own.transitions, own.n_modes, columns, x, own.first_modes)
         self.present = mode
-
-
-def iterate_with_effects(
-    system: AutomatonEffects, x0: Array, t: Array, inputs: Array, options: Options
-) -> Trajectory:
-    """Iterate the map of the automaton from its present mode."""
-    return iterate_automaton(_Map(system), system.present, x0[None], t, inputs, options)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ its `structures` are priced by `held_out` rows, its `candidates` by `regression`
 `acceptance` by `evidence` and `chance`, with `coloured_noise` beneath them. `restarts` seeks modes
 anew, `switches` judges rows beside a switch, `unknown` and `formulas` what has no name,
 `disturbance` what follows nothing, `set_aside` rows that no law explains. Recordings of one law are
-searched by `recorded_search` instead, and told by `recorded` and `recorded_report`. What was found:
+searched by `recorded_search` instead, and told by `recorded`. What was found:
 `findings`, `contributions`, `rollouts`, `contents`, and as a `report` in `words`, `text`, `display`
 and `page`. `settings` has the numbers.
 """

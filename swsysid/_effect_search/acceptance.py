@@ -16,6 +16,7 @@ import numpy as np
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.evidence import SlowForces, chance_of_gains
 from swsysid._effect_search.scan import is_between_samples, scan
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import is_smeared_mode
 from swsysid._journal import step
@@ -66,7 +67,7 @@ def finding(context: SearchContext, structure: Structure, place: int, *fewer: St
     known = [
         other.terms[place]
         for other in context.corrections(structure, place)
-        if other.price <= structure.price + context.settings.tie
+        if other.price <= structure.price + SETTINGS.tie
     ]
     top, n_trials = context.scanned(base, term.signature)
     count = context.n_hypotheses(base, n_trials)
@@ -125,7 +126,7 @@ def _of_a_shape(
     nearest: dict[str, PlacedEffect] = {}
     for trial in top:
         nearest.setdefault(trial.candidate.effect.kind, trial.candidate)
-    rivals = list(nearest.values())[: base.data.settings.n_nearest]
+    rivals = list(nearest.values())[: SETTINGS.n_nearest]
     return Finding.of(term, count * base.p_value(own), rivals)
 
 
@@ -166,15 +167,24 @@ def confirmed(
         worst = int(first_largest([one.p_value for one in findings]))
         if findings[worst].p_value <= context.significance:
             return structure, findings
-        refused.add(structure.terms[worst].signature)
-        options = [context.without(structure, worst), *without_terms(earlier, refused)]
-        structure = least_of(options, attrgetter("price"))
+        structure = without_refused(context, structure, worst, earlier, refused)
     return context.priced(context.declared), ()
 
 
-def without_terms(structures: Iterable[Structure], refused: set[tuple]) -> list[Structure]:
-    """Those structures that have none of some terms."""
-    return [one for one in structures if not refused & {term.signature for term in one.terms}]
+def without_refused(
+    context: SearchContext,
+    structure: Structure,
+    worst: int,
+    earlier: Iterable[Structure],
+    refused: set[tuple],
+) -> Structure:
+    """The cheapest of the structure without one term and of earlier ones without any `refused`.
+
+    That term is among those refused from now on.
+    """
+    refused.add(structure.terms[worst].signature)
+    before = [one for one in earlier if not refused & {term.signature for term in one.terms}]
+    return least_of([context.without(structure, worst), *before], attrgetter("price"))
 
 
 # -- one of several --------------------------------------------------------------------------------
@@ -189,7 +199,7 @@ def simplest(base: CandidateContext, top: list[Trial]) -> Trial:
 
 def _special_case(base: CandidateContext, best: Trial, top: list[Trial]) -> Trial:
     """The best of the trials that are special cases of one and explain as much, or that one."""
-    own, least = best.candidate, 1.0 - base.data.settings.trifle
+    own, least = best.candidate, 1.0 - SETTINGS.trifle
     cases = [
         trial
         for trial in top
@@ -219,11 +229,10 @@ def is_promising(
         return True  # which concerns no velocity at all
     # It must lower the error, and explain a share of what the declared model left over; one more
     # mode, which can bend to anything, a larger one.
-    settings = context.settings
     before, after = (context.squared_errors(one.fit, current.fit) for one in (current, best))
     explained = np.max((before - after) / context.declared_squares)
-    least = settings.share_of_a_mode if best.adds_a_mode else settings.share
-    return gain >= settings.gain_a_row * context.n_rows and bool(explained >= least)
+    least = SETTINGS.share_of_a_mode if best.adds_a_mode else SETTINGS.share
+    return gain >= SETTINGS.gain_a_row * context.n_rows and bool(explained >= least)
 
 
 def leaves_a_mode(context: SearchContext, current: Structure, named: Structure | None) -> bool:
@@ -232,15 +241,15 @@ def leaves_a_mode(context: SearchContext, current: Structure, named: Structure |
     Of what a structure leaves it has to explain a share (`is_promising`), and it has to be better
     than the best addition with a name by much.
     """
-    settings, declared = context.settings, context.declared_squares
+    declared = context.declared_squares
     squares, share = _explainable(context, current)
-    if np.max(squares * share / declared, initial=0.0) < settings.share_of_a_mode:
+    if np.max(squares * share / declared, initial=0.0) < SETTINGS.share_of_a_mode:
         return False
     if named is None:
         return True
     _, share = _explainable(context, named)
     gain_a_row = -0.5 * float(np.log1p(-np.minimum(share, 1.0 - 1e-12)).sum())
-    return gain_a_row >= settings.mode_gain_a_row
+    return gain_a_row >= SETTINGS.mode_gain_a_row
 
 
 def _explainable(context: SearchContext, structure: Structure) -> tuple[Array, Array]:
@@ -256,7 +265,7 @@ def _explainable(context: SearchContext, structure: Structure) -> tuple[Array, A
 
 def preferred(context: SearchContext, options: list[Structure]) -> Structure:
     """The cheapest structure; of those as cheap, the simplest explanation."""
-    most = min(option.price for option in options) + context.settings.tie
+    most = min(option.price for option in options) + SETTINGS.tie
     rank = {effect.kind: place for place, effect in enumerate(context.effects)}
     ties = [option for option in options if option.price <= most]
     return least_of(ties, lambda option: rank[option.last.kind], attrgetter("price"))

@@ -18,6 +18,7 @@ from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_search.chance import Slope
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Background, Regression, SharedSums
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.switches import at_smeared_switches
 from swsysid._noise import STUDENT, robust_weights
 from swsysid._results import Array
@@ -323,8 +324,8 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     residuals = fit.residuals(data.records, data.rows, data.targets)
     weight = robust_weights(residuals, data.exact)
     searched = data.records.take(data.rows)
-    sure = fit.mode_proba(searched).max(axis=1) >= data.settings.sure
+    sure = fit.mode_proba(searched).max(axis=1) >= SETTINGS.sure
     sure &= fit.surface_modes(searched) == fit.modes
-    if np.mean(~sure) <= data.settings.most_unsure:
+    if np.mean(~sure) <= SETTINGS.most_unsure:
         weight = np.where(sure, weight, 0.0)
     return np.where(data.may_stick(fit.terms, data.records, data.rows), 0.0, weight)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.special import logsumexp
 
-from swsysid._effect_search.settings import SETTINGS, SearchSettings
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import memory
 from swsysid._results import Array
 
@@ -163,14 +163,12 @@ def chance_of_bets(values: Array, blocks: Rows, remembered: float) -> float:
     return float(min(1.0, len(wealth) * np.exp(-logsumexp(wealth))))
 
 
-def independent_blocks(
-    blocks: Rows, series: list[Rows], remembered: float, settings: SearchSettings = SETTINGS
-) -> Rows:
+def independent_blocks(blocks: Rows, series: list[Rows], remembered: float) -> Rows:
     """The block of each row, blocks joined to be as long as a memory asks of them."""
     joined, count = blocks.copy(), 0
     for rows in series:
         own = np.unique(blocks[rows])
-        most = max(1, int(len(rows) / (settings.memories * remembered)))
+        most = max(1, int(len(rows) / (SETTINGS.memories * remembered)))
         for part in np.array_split(own, min(most, len(own))):
             joined[rows[np.isin(blocks[rows], part)]] = count
             count += 1

@@ -27,6 +27,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.linalg.lapack import dtbtrs
 from scipy.optimize import minimize
 
+from swsysid._data.records import Records
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import robust_scale
@@ -42,6 +43,24 @@ class Stretches:
 
     t: Array  # (n_samples,)
     stretch: NDArray[np.intp]  # (n_samples,), numbered from 0
+
+    @classmethod
+    def of(
+        cls, records: Records, gap: float = np.inf, blocks: NDArray[np.intp] | None = None
+    ) -> tuple[NDArray[np.intp], Stretches]:
+        """The order of the samples of trajectories, and these: each trajectory is one stretch.
+
+        It is cut where samples are farther apart than so many steps, and between blocks.
+        """
+        assert records.t is not None
+        order = np.concatenate(records.trajectories)
+        t, begins = records.t[order], np.zeros(len(order), dtype=bool)
+        begins[np.cumsum([0, *map(len, records.trajectories[:-1])])] = True
+        if np.isfinite(gap):
+            begins |= np.diff(t, prepend=t[:1]) > gap * records.step
+        if blocks is not None:
+            begins |= np.diff(blocks[order], prepend=-1) != 0
+        return order, cls(t, np.cumsum(begins) - 1)
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
@@ -108,21 +127,12 @@ class Stretches:
 
 def in_trajectories(data: SearchData) -> Stretches:
     """The same rows, where one after a gap still remembers those before it in its trajectory."""
-    records = data.records.take(data.rows)
-    assert records.t is not None
-    number = np.repeat(np.arange(len(records.trajectories)), list(map(len, records.trajectories)))
-    return Stretches(records.t[np.concatenate(records.trajectories)], number)
+    return Stretches.of(data.records.take(data.rows))[1]
 
 
 def rows_in_order(data: SearchData) -> tuple[NDArray[np.intp], Stretches]:
     """The rows of a search in order, in the blocks of its tests, cut where the record has gaps."""
-    records = data.records.take(data.rows)
-    assert records.t is not None
-    order = np.concatenate(records.trajectories)
-    t, block = records.t[order], data.folds.blocks[order]
-    begins = np.diff(t, prepend=t[0]) > data.settings.gap_steps * records.step
-    begins |= np.diff(block, prepend=block[0]) != 0
-    return order, Stretches(t, np.cumsum(begins))
+    return Stretches.of(data.records.take(data.rows), SETTINGS.gap_steps, data.folds.blocks)
 
 
 @dataclass(frozen=True)

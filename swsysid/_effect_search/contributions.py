@@ -34,6 +34,7 @@ from swsysid._results import Array
 from swsysid.effects import Parameter, PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected
 
+NORMAL_QUANTILE = float(stats.norm.ppf(0.5 + 0.5 * SETTINGS.level))
 _JUMP = 0.02  # neighbours of a function differ by less than this share of its range
 _SMALLEST_FACTOR = 0.5  # of its usual size: a function is told where it is larger
 _STRETCH = 300  # samples of one trajectory that are shown where time is the axis
@@ -101,6 +102,12 @@ def linearised(
         ]
         parts.append(((ends[0] - ends[1]) / (2.0 * step))[:, None])
     return np.column_stack(parts)
+
+
+def deviations(columns: Array, covariance: Array) -> Array:
+    """Standard deviation of what coefficients with a covariance make of columns, row by row."""
+    variance = np.einsum("ij,jk,ik->i", columns, covariance, columns)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def small_step(parameter: Parameter, value: float) -> float:
@@ -179,7 +186,7 @@ def _physical_intervals(
     steps = np.maximum(1e-3 * deviation, np.maximum(1e-9 * np.abs(values), 1e-300))
     slopes = approx_fprime(values, lambda vector: np.array(list(physical(vector).values())), steps)
     jacobian, here = np.atleast_2d(slopes), physical(values)
-    errors = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian), 0.0))
+    errors = deviations(jacobian, covariance)
     return {
         name: (value - quantile * error, value + quantile * error)
         for (name, value), error in zip(here.items(), errors.tolist(), strict=True)
@@ -227,9 +234,7 @@ def effect_shape(
         slopes = linearised(fit, place, seen, everything, modes)
         contribution = slopes[:, : len(fit.coef[place])] @ fit.coef[place]
         if len(covariance):
-            variance = np.einsum("ij,jk,ik->i", slopes, covariance, slopes)
-            quantile = stats.norm.ppf(0.5 + SETTINGS.level / 2)
-            half_width = quantile * np.sqrt(np.maximum(variance, 0.0))
+            half_width = NORMAL_QUANTILE * deviations(slopes, covariance)
     else:
         change = predicted - declared.predict(records)
         spread = targets.std(axis=0)

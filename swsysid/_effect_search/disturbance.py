@@ -8,7 +8,7 @@ compared with a force that is forgotten slowly beneath the noise, with the effec
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def with_disturbances(
     if not usable:
         return structure, findings
     forces = SlowForces(context)
-    kept = _Questions(forces, n_candidates).needed(structure)
+    kept = _needed(forces, structure, n_candidates)
     if kept is not structure:
         structure, findings = confirmed(context, kept)
     added = _found(forces, structure, usable[0])
@@ -62,51 +62,37 @@ def _found(
     return added
 
 
-def _without(context: SearchContext, structure: Structure, group: tuple[int, ...]) -> Structure:
-    """A structure without several of its terms."""
-    for place in sorted(group, reverse=True):
-        structure = context.without(structure, place)
-    return structure
+def _needed(forces: SlowForces, structure: Structure, n_candidates: int) -> Structure:
+    """The structure without the effects that predict no better than a disturbance would.
+
+    `n_candidates` are those of the search for them.
+    """
+    # Several together may be what an observer makes of a force, from the inputs and states of
+    # a while ago: then none of them leaves a force behind that is surely slow, and all do.
+    context = forces.context
+    least = np.log(n_candidates / context.significance)
+    while True:
+        asked = [(*_worth(forces, structure, group), group) for group in _asked(structure)]
+        acts, gain, group = min(asked, default=(True, np.inf, ()))
+        if acts and gain > least:
+            return structure
+        structure = context.without(structure, *group)
 
 
-@dataclass(frozen=True)
-class _Questions:
-    """Which effects predict more than a force would that nobody knows."""
+def _worth(forces: SlowForces, structure: Structure, group: tuple[int, ...]) -> tuple[bool, float]:
+    """Whether effects may act at all, and their gain in log likelihood beside a disturbance.
 
-    forces: SlowForces
-    n_candidates: int  # of the search for the effects in question
-
-    @property
-    def context(self) -> SearchContext:
-        """The search."""
-        return self.forces.context
-
-    def needed(self, structure: Structure) -> Structure:
-        """The structure without the effects that predict no better than a disturbance would."""
-        # Several together may be what an observer makes of a force, from the inputs and states of
-        # a while ago: then none of them leaves a force behind that is surely slow, and all do.
-        least = np.log(self.n_candidates / self.context.significance)
-        while True:
-            asked = [(*self._worth(structure, group), group) for group in _asked(structure)]
-            acts, gain, group = min(asked, default=(True, np.inf, ()))
-            if acts and gain > least:
-                return structure
-            structure = _without(self.context, structure, group)
-
-    def _worth(self, structure: Structure, group: tuple[int, ...]) -> tuple[bool, float]:
-        """Whether effects may act at all, and their gain in log likelihood beside a disturbance.
-
-        It is less its error, and infinite where nothing would be remembered without them.
-        """
-        target = structure.terms[group[0]].target
-        fewer = _without(self.context, structure, group)
-        if not self.forces.remembers(fewer, target):
-            return True, np.inf
-        observed = self.forces.gain_of_observer(fewer, structure, target)
-        if observed is not None:
-            return False, observed
-        gain, more = self.forces.gain(fewer, structure, target)
-        return True, gain.value - more - gain.error  # each parameter explains a nat (Akaike)
+    It is less its error, and infinite where nothing would be remembered without them.
+    """
+    target = structure.terms[group[0]].target
+    fewer = forces.context.without(structure, *group)
+    if not forces.remembers(fewer, target):
+        return True, np.inf
+    observed = forces.gain_of_observer(fewer, structure, target)
+    if observed is not None:
+        return False, observed
+    gain, more = forces.gain(fewer, structure, target)
+    return True, gain.value - more - gain.error  # each parameter explains a nat (Akaike)
 
 
 def _asked(structure: Structure) -> list[tuple[int, ...]]:

@@ -44,6 +44,7 @@ from swsysid._effect_search.coloured_noise import (
 )
 from swsysid._effect_search.folds import SearchData, memory_of
 from swsysid._effect_search.held_out import held_out_errors
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
 from swsysid._results import Array
@@ -96,7 +97,6 @@ class SlowForces:
         """What regressions leave over of rows they have not seen; a gross error says nothing."""
         # What is gross for as long as a force is remembered, and often, is the force, far above the
         # noise; where it is rare it may be a place at which the structure is wrong.
-        settings = self.context.settings
         data = self.context.data
         if _may_run_away(structure):
             left = held_out_errors(structure.fit, data)[:, target]
@@ -104,13 +104,13 @@ class SlowForces:
             left = self.context.candidates(structure.fit).held_out[:, target]
         # what holds a plant that sticks is a reaction, and no force
         left = np.where(data.may_stick(structure.fit.terms, data.records, data.rows), 0.0, left)
-        gross = settings.gross * max(
+        gross = SETTINGS.gross * max(
             float(robust_scale(left[:, None])[0]), float(data.exact[target])
         )
         left = left[self._ordered[0]]
         far = np.abs(left) > gross
-        lasting = far & (self.where.runs(far) >= settings.slow_steps)
-        often = lasting.mean() >= settings.often
+        lasting = far & (self.where.runs(far) >= SETTINGS.slow_steps)
+        often = lasting.mean() >= SETTINGS.often
         return np.where(far & ~(lasting & often), 0.0, left)
 
     def gain(self, fewer: Structure, structure: Structure, target: int) -> tuple[BlockSum, int]:
@@ -143,10 +143,6 @@ class SlowForces:
         p_value = self._p_value(model, left, target)
         surely = p_value <= self.context.significance and self._is_slow(model, left)
         return (model, p_value) if surely else None
-
-    def is_there(self, structure: Structure, target: int) -> bool:
-        """Whether a structure surely leaves a force behind."""
-        return self.disturbance(structure, target) is not None
 
     def remembers(self, structure: Structure, target: int) -> bool:
         """Whether it leaves something behind that is remembered, and that no filter has made.
@@ -184,14 +180,14 @@ class SlowForces:
         least = len(usual) * self.context.data.exact[target] ** 2
         ratios = np.maximum(before, least) / np.maximum(after, least)
         alone, with_law = 0.5 * len(usual) * np.log(ratios)
-        return float(with_law) if with_law < self.context.settings.observed * alone else None
+        return float(with_law) if with_law < SETTINGS.observed * alone else None
 
     def chance(self, fewer: Structure, structure: Structure, target: int) -> tuple[float, float]:
         """Of what effects gain beside a force that they leave behind, and that by its blocks.
 
         Both are one where there is none.
         """
-        if not self.context.data.records.timed or not self.is_there(structure, target):
+        if not self.context.data.records.timed or self.disturbance(structure, target) is None:
             return 1.0, 1.0
         gain, more = self.gain(fewer, structure, target)
         by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
@@ -227,20 +223,20 @@ class SlowForces:
         """Over how many steps a filter has smeared residuals, one where none has."""
         # The filter of a recording is known; that of velocities as they are given is not.
         if self.context.data.records.average is not None:
-            return self.context.settings.rows_a_window
+            return SETTINGS.rows_a_window
         return self.where.smeared(left)
 
     def _steps(self, left: Array) -> int:
         """Steps after which no noise, and no filter of it, is remembered."""
-        return max(self.context.settings.slow_steps, self._smeared(left))
+        return max(SETTINGS.slow_steps, self._smeared(left))
 
     def _p_value(self, model: Coloured, left: Array, target: int) -> float:
         """That of a memory of residuals; one if it explains too little to be worth a name."""
-        settings, squares = self.context.settings, self.context.declared_squares
+        squares = self.context.declared_squares
         gain = _lead(model, white(left), left, self.where)
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
-        worth = model.size**2 >= settings.share_of_a_disturbance * squares[target]
-        enough = gain >= settings.gain_a_row * len(left)
+        worth = model.size**2 >= SETTINGS.share_of_a_disturbance * squares[target]
+        enough = gain >= SETTINGS.gain_a_row * len(left)
         return p_value if worth and enough else 1.0
 
     def _is_slow(self, model: Coloured, left: Array) -> bool:
@@ -279,9 +275,7 @@ class StepBefore:
         assert records.t is not None
         number[data.rows] = np.arange(len(data.rows))
         pairs = np.hstack([np.stack([rows[:-1], rows[1:]]) for rows in records.trajectories])
-        near = (
-            np.abs(np.diff(records.t[pairs], axis=0)[0]) <= data.settings.gap_steps * records.step
-        )
+        near = np.abs(np.diff(records.t[pairs], axis=0)[0]) <= SETTINGS.gap_steps * records.step
         before, rows = number[pairs[:, near]]
         known = (before >= 0) & (rows >= 0)
         return cls(rows[known], before[known], records.X[data.rows, target])

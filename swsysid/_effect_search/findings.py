@@ -17,7 +17,7 @@ from swsysid._effect_search.folds import Rows, Split
 from swsysid._effect_search.formulas import formulas, table_of
 from swsysid._effect_search.reading import follow_the_states
 from swsysid._effect_search.rollouts import Rollout, are_worse
-from swsysid._effect_search.settings import REPORT
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.switches import FurtherMode
 from swsysid._noise import robust_scale, root_mean_square
@@ -107,7 +107,7 @@ class Ladder:
         sizes = [
             np.max(np.abs(one) / scale, axis=1) for one, scale in zip(left, scales, strict=True)
         ]
-        usual = np.minimum(*sizes) < data.settings.gross
+        usual = np.minimum(*sizes) < SETTINGS.gross
         before, after = (root_mean_square(errors[usual]) for errors in left)
         return float(np.max(before / np.maximum(after, np.finfo(float).tiny)))
 
@@ -122,7 +122,7 @@ class Ladder:
     @property
     def is_plain(self) -> bool:
         """True if there are no doubts, and the error clearly falls."""
-        return not self.is_in_doubt and self.gained * self.context.settings.plain > 1.0
+        return not self.is_in_doubt and self.gained * SETTINGS.plain > 1.0
 
     def is_refused(self, rollouts: Sequence[Rollout], measured: bool) -> bool:
         """True if rollouts speak against the effect without which least is lost.
@@ -234,7 +234,7 @@ def _rivals(ladder: Ladder, place: int, gaining: int) -> tuple[Rival, ...]:
     (_, before), (_, after) = ladder.errors[place : place + 2]
     falls = after[gaining] < before[gaining]
     middle = 0.5 * (before[gaining] + after[gaining])
-    most = min(middle, ladder.context.settings.as_good * after[gaining]) if falls else np.inf
+    most = min(middle, SETTINGS.as_good * after[gaining]) if falls else np.inf
     if isinstance(ladder.terms[place].effect, UnknownFunction):
         most = np.inf
     # in the place of one more mode there are those of the model before it
@@ -271,9 +271,7 @@ def _advice(ladder: Ladder, place: int, other: JointFit) -> str:
     difference = np.abs(predicted - other.predict(records)).sum(axis=1)
     if difference.max() <= 1e-9 * np.abs(predicted).max():
         return "the two are the same function of these data: samples outside their range"
-    most = np.argsort(-difference)[
-        : max(10, int(ladder.context.settings.differing * len(difference)))
-    ]
+    most = np.argsort(-difference)[: max(10, int(SETTINGS.differing * len(difference)))]
     acting = ladder.terms[place].place
     channel = acting if isinstance(acting, int) else 0
     low, high = np.quantile(records.channel(channel)[most], [0.1, 0.9])

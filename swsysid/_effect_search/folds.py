@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d
 from swsysid._data.records import Records
 from swsysid._data.windows import Windows
 from swsysid._effect_search.chance import independent_blocks
-from swsysid._effect_search.settings import SETTINGS, SearchSettings
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import exact_below, memory, robust_scale, robust_weights, root_mean_square
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
@@ -84,7 +84,6 @@ class SearchData:
     part: Rows | None = None  # samples of the record that a search may look at; None is all
     exact_states: frozenset[int] = frozenset()  # whose declared equation leaves rounding only
     noise: StateNoise | None = None  # of the states, where velocities were made of them
-    settings: SearchSettings = SETTINGS
 
     @classmethod
     def whole(cls, records: Records, rows: Rows, targets: Array) -> SearchData:
@@ -104,11 +103,6 @@ class SearchData:
         if self.noise is None:
             return np.zeros(len(rows), dtype=bool)
         return self.noise.hides(terms, records, rows)
-
-    @property
-    def decoded_modes(self) -> Rows | None:
-        """Modes of the rows that measured states show."""
-        return None if self.records.decoded_modes is None else self.records.decoded_modes[self.rows]
 
     def searched(self, records: Records) -> Records:
         """The samples of the record, or of one like it, that the search may look at."""
@@ -154,36 +148,31 @@ def memory_of(records: Records, left: Array) -> float:
     return max((memory(column, records.trajectories) for column in weighted.T), default=1.0)
 
 
-def split_records(
-    records: Records,
-    rng: np.random.RandomState,
-    window: int = 1,
-    settings: SearchSettings = SETTINGS,
-) -> Split:
+def split_records(records: Records, rng: np.random.RandomState, window: int = 1) -> Split:
     """Hold a quarter of the record out: whole trajectories, stretches or rows.
 
     Stretches are at least so many samples apart as their velocities are made of.
     """
     if not records.ordered:
         order = rng.permutation(len(records))
-        n_held = round(settings.held_out * len(records))
+        n_held = round(SETTINGS.held_out * len(records))
         return Split(np.sort(order[n_held:]), np.sort(order[:n_held]), "random rows")
     trajectories = records.trajectories
-    if len(trajectories) < settings.fewest_trajectories:
-        return _separate_stretches(trajectories, window, settings)
+    if len(trajectories) < SETTINGS.fewest_trajectories:
+        return _separate_stretches(trajectories, window)
     order = rng.permutation(len(trajectories))
-    n_held = max(1, round(settings.held_out * len(trajectories)))
+    n_held = max(1, round(SETTINGS.held_out * len(trajectories)))
     held = np.concatenate([trajectories[place] for place in order[:n_held]])
     kept = np.concatenate([trajectories[place] for place in order[n_held:]])
     return Split(np.sort(kept), np.sort(held), f"{n_held} whole trajectories")
 
 
-def _separate_stretches(trajectories: list[Rows], window: int, settings: SearchSettings) -> Split:
+def _separate_stretches(trajectories: list[Rows], window: int) -> Split:
     """Every fourth stretch is held out, with a gap to its neighbours."""
-    per_trajectory = max(4, settings.n_stretches // len(trajectories))
+    per_trajectory = max(4, SETTINGS.n_stretches // len(trajectories))
     kept, held = [], []
     for rows in trajectories:
-        gap = max(2, window - 1, int(settings.gap * len(rows)))
+        gap = max(2, window - 1, int(SETTINGS.gap * len(rows)))
         pieces = np.array_split(rows, per_trajectory)
         taken = [place % 4 == 2 for place in range(per_trajectory)]
         for place, piece in enumerate(pieces):
@@ -217,7 +206,6 @@ def make_folds(
     n_folds: int,
     rng: np.random.RandomState,
     remembered: float = 1.0,
-    settings: SearchSettings = SETTINGS,
 ) -> Folds:
     """Folds and blocks of the rows for the search.
 
@@ -226,11 +214,11 @@ def make_folds(
     """
     if records.ordered:
         trajectories = records.trajectories
-        per_trajectory = -(-settings.n_blocks // len(trajectories))
+        per_trajectory = -(-SETTINGS.n_blocks // len(trajectories))
         whole = len(trajectories) >= n_folds
     else:
         trajectories, remembered = [rng.permutation(len(records))], 1.0
-        per_trajectory, whole = settings.n_blocks, False
+        per_trajectory, whole = SETTINGS.n_blocks, False
     blocks = np.empty(len(records), dtype=np.intp)
     fold = np.empty(len(records), dtype=np.intp)
     near = np.zeros((n_folds, len(records)), dtype=bool)  # rows that remember those of a fold
@@ -240,13 +228,13 @@ def make_folds(
         pieces = np.array_split(rows, min(per_trajectory, len(rows)))
         for piece in pieces:
             blocks[piece], n_blocks = n_blocks, n_blocks + 1
-        most = max(fewest, int(len(rows) / (settings.memories * remembered)))
+        most = max(fewest, int(len(rows) / (SETTINGS.memories * remembered)))
         most = min(most, len(pieces))
         for part in np.array_split(np.arange(len(pieces)), most):
             here = np.concatenate([pieces[number] for number in part])
             fold[here], n_parts = (place if whole else n_parts) % n_folds, n_parts + 1
         margin = min(int(remembered), len(rows) // (2 * most))
-        for number in range(n_folds if remembered > settings.forgotten and not whole else 0):
+        for number in range(n_folds if remembered > SETTINGS.forgotten and not whole else 0):
             near[number, rows] = maximum_filter1d(fold[rows] == number, 2 * margin + 1)
     parts = [
         (np.flatnonzero((fold != number) & ~near[number]), np.flatnonzero(fold == number))

@@ -12,12 +12,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.coloured_noise import Stretches, coloured
+from swsysid._effect_search.contributions import NORMAL_QUANTILE, deviations
 from swsysid._effect_search.scan import refined, scan
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._results import Array
@@ -33,8 +33,6 @@ from swsysid.effects._base import Place, figure, quantile_levels, spread
 from swsysid.effects._placed import corrected
 
 _POINTS = 101  # of the curve of a function without a name
-
-_QUANTILE = float(stats.norm.ppf(0.5 + 0.5 * SETTINGS.level))
 
 
 @dataclass(frozen=True)
@@ -173,12 +171,9 @@ def _curve(
         along = np.array(effect.knots)
     basis = effect.basis(along)
     contribution = basis @ _beyond_the_law(fit, place, seen)
-    variance = np.zeros(len(along))
-    if len(covariance):
-        variance = np.einsum("ij,jk,ik->i", basis, covariance, basis)
+    deviation = deviations(basis, covariance) if len(covariance) else np.zeros(len(along))
     columns = dict(zip(effect.arguments(records.names), along.T, strict=True))
-    half_width = _QUANTILE * np.sqrt(np.maximum(variance, 0.0))
-    return {**columns, "contribution": contribution, "half_width": half_width}
+    return {**columns, "contribution": contribution, "half_width": NORMAL_QUANTILE * deviation}
 
 
 def _beyond_the_law(fit: JointFit, place: int, records: Records) -> Array:
@@ -204,17 +199,12 @@ def _beyond_the_law(fit: JointFit, place: int, records: Records) -> Array:
 
 def _course(fit: JointFit, target: int, records: Records, targets: Array) -> dict[str, Array]:
     """A disturbance at the samples, as a smoother sees it."""
-    assert records.t is not None
-    order = np.concatenate(records.trajectories)
-    number = np.repeat(
-        np.arange(len(records.trajectories)), [len(rows) for rows in records.trajectories]
-    )
+    order, where = Stretches.of(records)
     left = (targets - fit.predict(records))[order, target]
-    where = Stretches(records.t[order], number)
     force, deviation = coloured(left, where).course(left, where)
     return {
-        "trajectory": number.astype(float),
-        "t": records.t[order],
+        "trajectory": where.stretch.astype(float),
+        "t": where.t,
         "contribution": force,
-        "half_width": _QUANTILE * deviation,
+        "half_width": NORMAL_QUANTILE * deviation,
     }

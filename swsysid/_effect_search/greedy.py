@@ -28,6 +28,7 @@ from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.disturbance import with_disturbances
 from swsysid._effect_search.restarts import is_large, with_modes, with_one_split
 from swsysid._effect_search.scan import proposals
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._effect_search.unknown import Unknowns
 from swsysid._journal import offer, step
@@ -53,33 +54,17 @@ class Search:
 
     context: SearchContext
     max_effects: int = 5
-    n_jobs: int | None = None
-    verbose: int = 0
 
     @cached_property
     def unknowns(self) -> Unknowns | None:
         """Functions without a name, if they are looked for."""
-        return Unknowns.of(self.context, self.n_jobs, self.verbose)
+        return Unknowns.of(self.context)
 
     def run(self) -> tuple[Structure, tuple[Finding, ...], list[Round]]:
         """Add effects until nothing significant is left, and keep those that remain significant."""
-        # One more mode bends to whatever the first named effect leaves over, and several effects
-        # with a name may imitate one. Where there is not one addition alone, each has to show what
-        # it can do without the other. There is one finding for each term of the structure.
+        # There is one finding for each term of the structure.
         structure, rounds = self.climb()
-        if len(rounds) > 1:
-            has_mode = any(isinstance(term.effect, StructureEffect) for term in structure.terms)
-            effects = [
-                effect
-                for effect in self.context.effects
-                if isinstance(effect, StructureEffect) != has_mode
-            ]
-            others = replace(self, context=replace(self.context, effects=effects))
-            other, other_rounds = others.climb()
-            if other.price < structure.price:
-                structure, rounds = other, other_rounds
-        single = len(rounds) == 1 and rounds[0].structure is structure
-        if single:
+        if len(rounds) == 1 and rounds[0].structure is structure:
             return structure, (rounds[0].finding,), rounds
         on_the_way = [one.structure for one in rounds]
         return *confirmed(self.context, structure, on_the_way), rounds
@@ -104,7 +89,8 @@ class Search:
         """Add effects until nothing significant is left."""
         structure, rounds = self.context.priced(self.context.declared), []
         unknowns = self.unknowns
-        with progress(self.max_effects, "rounds of the search", bool(self.verbose)) as bar:
+        verbose = bool(self.context.verbose)
+        with progress(self.max_effects, "rounds of the search", verbose) as bar:
             while len(structure.terms) < self.max_effects:
                 step = self._addition(structure) or _unknown(unknowns, structure)
                 bar.update()
@@ -173,13 +159,13 @@ class Search:
             return []
         first = simplest(base, top)
         chance = n_candidates * base.p_value(first)
-        if not is_large(base, top[0]) and chance > self.context.settings.hopeful:
+        if not is_large(base, top[0]) and chance > SETTINGS.hopeful:
             return []
         best_of_kind = {first.candidate.effect.kind: first.candidate}
         for trial in top:
             best_of_kind.setdefault(trial.candidate.effect.kind, trial.candidate)
         candidates = [*best_of_kind.values()]
-        return with_modes(self.context, current, candidates, self.n_jobs, self.verbose)
+        return with_modes(self.context, current, candidates)
 
     def _with_more_modes(self, current: Structure, base: CandidateContext) -> list[Structure]:
         """Structures with more modes, sought from the start and where a split of one suggests."""
@@ -211,7 +197,7 @@ class Search:
         """Options without one more mode that is not far better than every effect with a name."""
         context, with_name = self.context, self._promising(current, options, n_candidates)
         limit = min(map(_price, with_name), default=np.inf)
-        limit -= context.settings.mode_gain_a_row * context.n_rows
+        limit -= SETTINGS.mode_gain_a_row * context.n_rows
         return [option for option in options if not option.adds_a_mode or option.price < limit]
 
     def _accepted(self, current: Structure, best: Structure, n_candidates: int) -> Round | None:
@@ -230,7 +216,7 @@ class Search:
         """Every term in the light of the others."""
         if len(structure.terms) == 1:
             return structure
-        for _ in range(self.context.settings.n_questions):
+        for _ in range(SETTINGS.n_questions):
             before = [term.signature for term in structure.terms]
             for place in range(len(structure.terms)):
                 structure = self._agreed(structure, place)
@@ -240,7 +226,7 @@ class Search:
 
     def _agreed(self, best: Structure, place: int) -> Structure:
         """Question one term: scan at the modes found until effect and modes agree."""
-        for _ in range(self.context.settings.n_questions):
+        for _ in range(SETTINGS.n_questions):
             term = best.terms[place]
             base = self.context.candidates(best.fit, without=(place,))
             top, _ = self.context.scanned(base)
@@ -251,7 +237,7 @@ class Search:
                 break
             same = candidate.signature == term.signature
             tried = self.context.exchanged(best, place, candidate)
-            tie = self.context.settings.tie
+            tie = SETTINGS.tie
             lost = tie if candidate.n_parameters <= term.n_parameters else -tie
             if not same and tried.price > best.price + lost:
                 break  # the scan prefers another one, the whole does not, or not for its parameters

@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.regression import Regression
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._journal import step
 from swsysid._noise import STUDENT, exact_below, robust_weights
 from swsysid._results import Array
@@ -49,7 +50,7 @@ def unseen_cost(fit: JointFit, data: SearchData, train: Rows, test: Rows) -> Arr
     scale = STUDENT.scale(targets - velocities[fit.modes, rows], exact_below(targets))
     errors = data.targets[test] - velocities[:, data.rows[test]]
     probabilities = fit.mode_proba(data.records.take(data.rows[test]))
-    return _mixture_cost(errors, scale, _softened(probabilities, data.settings.surprise))
+    return _mixture_cost(errors, scale, _softened(probabilities, SETTINGS.surprise))
 
 
 def _mixture_cost(errors: Array, scale: Array, probabilities: Array) -> Array:
@@ -65,7 +66,7 @@ def _mixture_cost(errors: Array, scale: Array, probabilities: Array) -> Array:
 
 def _mode_probabilities(fit: JointFit, data: SearchData) -> Array:
     """What the surface, or a guard that remembers, says of the modes, (n_rows, n_modes)."""
-    surprise = data.settings.surprise
+    surprise = SETTINGS.surprise
     if fit.guard is None:
         return _softened(fit.mode_proba(data.records.take(data.rows)), surprise)
     return _of_a_sure_guard(fit, data)
@@ -79,7 +80,7 @@ def _of_a_sure_guard(fit: JointFit, data: SearchData) -> Array:
     for group in (near, ~near):
         if group.any():
             share = np.mean(predicted[group] != fit.modes[group])
-            wrong[group] = np.clip(2.0 * share, data.settings.surprise, 1.0)
+            wrong[group] = np.clip(2.0 * share, SETTINGS.surprise, 1.0)
     return _softened(np.eye(fit.n_modes)[predicted], wrong[:, None])
 
 

@@ -22,7 +22,7 @@ from sklearn.model_selection import check_cv
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
-from swsysid._effect_search.acceptance import Finding, confirmed, without_terms
+from swsysid._effect_search.acceptance import Finding, confirmed, without_refused
 from swsysid._effect_search.chance import BlockSum
 from swsysid._effect_search.folds import (
     Folds,
@@ -39,7 +39,7 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array
-from swsysid._ties import first_least, least_of
+from swsysid._ties import first_least
 from swsysid.effects import Effect, GuardEffect, PlacedEffect, ResetEffect, UnmeasuredDisturbance
 from swsysid.effects._kinematics import with_kinematics
 
@@ -95,15 +95,16 @@ class Outcome:
 
         `before` and `after` are errors on the untouched rows, (n_states,), without it and with it.
         """
-        lost = self.findings[place]
-        structure, findings = self.context.without(self.structure, place), list(self.findings)
-        del findings[place]
+        lost, rest = self.findings[place], (*self.findings[:place], *self.findings[place + 1 :])
         # What it has explained may be part of a force that nobody knows.
-        for number in reversed(range(len(findings))):
-            if isinstance(findings[number].candidate.effect, UnmeasuredDisturbance):
-                structure = self.context.without(structure, number)
-                del findings[number]
-        structure, anew = self.search.with_disturbances(structure, tuple(findings), self.rounds)
+        forces = [
+            number
+            for number, one in enumerate(rest)
+            if isinstance(one.candidate.effect, UnmeasuredDisturbance)
+        ]
+        structure = self.context.without(self.context.without(self.structure, place), *forces)
+        known = tuple(one for number, one in enumerate(rest) if number not in forces)
+        structure, anew = self.search.with_disturbances(structure, known, self.rounds)
         return replace(
             self,
             structure=structure,
@@ -142,8 +143,10 @@ def search_beside(
         ),
         declared=first,
         significance=choices.significance,
+        n_jobs=choices.n_jobs,
+        verbose=choices.verbose,
     )
-    search = Search(context, most, choices.n_jobs, choices.verbose)
+    search = Search(context, most)
     structure, findings, rounds = search.run()
     judge = HeldOutJudge(context, records, measured.targets, split.held_out)
     steps = [one.structure for one in rounds]
@@ -215,7 +218,7 @@ class HeldOutJudge:
 
     def _falls(self, before: JointFit, after: JointFit) -> Array:
         """By how much the squares of the errors of `_every` row fall from one fit to another."""
-        gross, rows = self.context.settings.gross, self._every
+        gross, rows = SETTINGS.gross, self._every
         sizes = [np.abs(self._errors(fit, rows)) / self._scale for fit in (before, after)]
         losses = [np.sum(np.minimum(size, gross) ** 2, axis=1) for size in sizes]
         # what is gross with the effect and without it says nothing of the effect
@@ -273,10 +276,7 @@ class HeldOutJudge:
             )
             lost = findings[worst]
             tried.append(Tried(lost.candidate, lost.p_value, before, after))
-            refused.add(structure.terms[worst].signature)
-            options = [self.context.without(structure, worst)]
-            options += without_terms(earlier, refused)
-            structure = least_of(options, lambda option: option.price)
+            structure = without_refused(self.context, structure, worst, earlier, refused)
             structure, findings = confirmed(self.context, structure)
         return structure, findings, tuple(tried)
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 
 import numpy as np
 
 from swsysid._checks.parameters import shown
-from swsysid._displays.style import unit_of
 from swsysid._effect_search import text, words
 from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.display import Panels
@@ -83,21 +82,15 @@ class _View:
         """The state that pictures show."""
         return self.data.shapes[0].target if self.report.effects else self.data.most_changed
 
-    def rate(self, state: int) -> str:
-        """The velocity of a state, with its unit."""
-        name, report = self.report.targets[state], self.report
-        is_rate = not (report.discrete or report.static)
-        unit = unit_of(f"d/dt {name}" if is_rate else name, self.units)
-        return f"{words.law_of(name, report)} [{unit}]" if unit else words.law_of(name, report)
-
     def judged(self, state: int) -> str:
         """What errors are of, with its unit."""
         return words.judged_with_unit(self.report, state, self.units)
 
     @property
     def rates(self) -> list[str]:
-        """The velocities of all states."""
-        return [self.rate(state) for state in range(len(self.report.targets))]
+        """What the laws of all states give, with units."""
+        laws, states = replace(self.report, of_rollouts=False), range(len(self.report.targets))
+        return [words.judged_with_unit(laws, state, self.units) for state in states]
 
     def picture(
         self, draw: Callable[..., None], *what: int, caption: str, size=(9.0, 3.8)

@@ -220,9 +220,8 @@ def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
     """
     if not records.timed or records.static:
         return False
-    assert records.t is not None
-    order, n_steps = np.concatenate(records.trajectories), SETTINGS.adding_up
-    series = _without_gaps(records, order)
+    order, series = Stretches.of(records, SETTINGS.gap_steps)
+    n_steps = SETTINGS.adding_up
     X, velocities, steps = records.X[order, : records.n_states], targets[order], series.waits[1:]
     waits = np.where(series.inside[1:], steps, 0.0)[:, None]
     slopes = 0.5 * (velocities[1:] + velocities[:-1])
@@ -234,17 +233,6 @@ def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
     shared = np.array([series.smeared(column) for column in left[order].T])
     expected = robust_scale(left) * series.step * np.sqrt(n_steps * shared)
     return bool((away < SETTINGS.too_close * expected).any())
-
-
-def _without_gaps(records: Records, order: NDArray[np.intp]) -> Stretches:
-    """Samples of whole trajectories in order, cut where the record has gaps."""
-    assert records.t is not None
-    first = np.cumsum([0, *map(len, records.trajectories)])[:-1]
-    starts = np.zeros(len(order), dtype=bool)
-    starts[first] = True
-    t = records.t[order]
-    starts |= np.diff(t, prepend=t[:1]) > SETTINGS.gap_steps * records.step
-    return Stretches(t, np.cumsum(starts))
 
 
 def _is_made_of(x: Array, t: Array, velocity: Array) -> bool:

@@ -16,16 +16,27 @@ from scipy.stats import chi2
 
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_regressor import EffectRegressor
+from swsysid._effect_search.contents import UnsureEffect
 from swsysid._effect_search.contributions import beside_conventions, parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
+from swsysid._effect_search.outcome import Tried
 from swsysid._effect_search.recording import Measured
-from swsysid._effect_search.words import NO_NAME
+from swsysid._effect_search.report import (
+    EffectReport,
+    in_words,
+    report_between,
+    round_in_words,
+    rung_errors,
+    tried_in_words,
+)
+from swsysid._effect_search.words import NO_NAME, named, noise_floor
 from swsysid._noise import memory
 from swsysid._output_error.criterion import Left, go_astray
 from swsysid._output_error.engines import Finding
 from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import Law, Slope
-from swsysid._output_error.scan import slope_of_sensor
+from swsysid._output_error.scan import skipped, slope_of_sensor
 from swsysid._output_error.search import Search
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
@@ -44,7 +55,7 @@ class RecordedOutcome:
     declared: JointFit  # of velocities, whose library and estimator the models share
     models: tuple[Fit, ...]  # fitted to the searched part
     findings: tuple[Finding, ...]
-    tried: tuple[tuple[Finding, Array, Array], ...]  # not kept: errors held out before and after
+    tried: tuple[Tried, ...]  # not kept
     unsure: Finding | None = None  # what would have been next, if chance may explain it
 
     @cached_property
@@ -166,6 +177,49 @@ class RecordedOutcome:
         """What free rollouts leave of the stretches that took part in no choice."""
         return Left(self.search.engine.left_of(fit, self.held_out), self.held_out.series)
 
+    def report(
+        self,
+        models: Sequence[EffectRegressor],
+        trajectory_names: NDArray | None,
+        alarms: Sequence[str],
+    ) -> EffectReport:
+        """What the search has to say; `models` as `EffectReport.of` takes them."""
+        search, measured = self.search, self.measured
+        records, terms = search.stretches.seen, self.models[-1].law.terms
+        report = report_between(
+            (self.joint_fits[1], self.joint_fits[2]),
+            replace(measured.records, held=records.held),
+            measured.targets,
+            self.split.of(measured.rows),
+            models,
+            self.covariances,
+            trajectory_names,
+            measured,
+        )
+        added = [named(one.effect.kind, one.label(records.names)) for one in terms]
+        report = replace(
+            report,
+            n_search=len(search.stretches.rows),
+            n_held_out=len(self.held_out.rows),
+            n_candidates=max((one.n_candidates for one in self.findings), default=0),
+            errors=rung_errors(added, self.errors),
+            skipped=skipped(search.library, records),
+            history=tuple(
+                round_in_words(one, one.n_candidates, model.law.terms, records)
+                for one, model in zip(self.findings, self.models[1:], strict=True)
+            ),
+            tried=tuple(
+                tried_in_words(one, records)
+                for one in self.tried
+                if one.p_value <= search.significance and (one.after < one.before).any()
+            ),
+            unsure=None if self.unsure is None else _unsure_in_words(self.unsure, records),
+            alarms=tuple(alarms),
+            of_rollouts=not records.static,
+        )
+        noise = [noise_floor(report, state) for state in range(len(report.targets))]
+        return replace(report, effects=tuple(self.effects(noise)))
+
     def effects(self, noise: Sequence[float]) -> list[FoundEffect]:
         """The effects with numbers, intervals and rivals, where errors have a noise beneath."""
         records = self.search.stretches.seen
@@ -223,6 +277,15 @@ class RecordedOutcome:
                 error=error,
                 advice="a record in which the two would move the plant differently",
             )
+
+
+def _unsure_in_words(near: Finding, records: Records) -> UnsureEffect:
+    return {
+        "effect": in_words(near.candidate, records),
+        "p_value": float(near.p_value),
+        "share": near.share,
+        "longer": near.longer,
+    }
 
 
 def _of_columns(

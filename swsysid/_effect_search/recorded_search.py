@@ -16,11 +16,12 @@ from swsysid._data.recordings import Hold, staircases
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.folds import Split
+from swsysid._effect_search.outcome import Tried
 from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.recording import Measured
 from swsysid._journal import offer
 from swsysid._output_error.criterion import Left, fall, go_astray
-from swsysid._output_error.engines import QUANTITIES, RATES, Finding, n_happened
+from swsysid._output_error.engines import QUANTITIES, RATES, n_happened
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law, remembers
 from swsysid._output_error.search import Search, Searched
@@ -226,7 +227,7 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
     judged by all samples. If the judgement is not strict, only what becomes surely worse refutes.
     """
     stretches, kept = outcome.search.stretches, list(outcome.findings)
-    tried: list[tuple[Finding, Array, Array]] = []
+    tried: list[Tried] = []
     last, engine, held_out = outcome.models[-1], outcome.search.engine, outcome.held_out
     significance = outcome.search.significance
     first = engine.left_over(outcome.models[n_happened(kept)], held_out)
@@ -253,7 +254,8 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
             kept[place] = replace(kept[place], p_value=p_value)
         if not is_better or p_value > significance:
             before, after = (outcome.left_of(fit, outcome.held_out) for fit in (less, last))
-            tried.append((kept.pop(place), before, after))
+            lost = kept.pop(place)
+            tried.append(Tried(lost.candidate, lost.p_value, before, after))
             last = less
     models = outcome.models
     if tried:

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._data.records import Records
-from swsysid._data.trajectories import label_text
 from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contents import (
     EffectContents,
     EffectData,
-    RowsPlace,
-    RowsSetAside,
     RungErrors,
-    TimeInterval,
     TriedEffect,
 )
 from swsysid._effect_search.contents import Round as RoundInWords
@@ -29,15 +26,13 @@ from swsysid._effect_search.greedy import Round
 from swsysid._effect_search.outcome import Tried
 from swsysid._effect_search.page import effect_page
 from swsysid._effect_search.recording import Measured
-from swsysid._effect_search.set_aside import Event, SetAside, Whereabouts, set_aside
-from swsysid._effect_search.settings import REPORT
+from swsysid._effect_search.set_aside import set_aside
 from swsysid._effect_search.text import report_lines, summary
 from swsysid._effect_search.words import named, rate, title
 from swsysid._rendering.parts import entries_of
 from swsysid._residual_report.report import ResidualReport, report_on
 from swsysid._residual_report.samples import FEWEST_ROWS, ResidualSamples
 from swsysid._results import Array
-from swsysid._simulation.model import laws_of_mode
 from swsysid._whole_or_nothing import write_text
 from swsysid.effects import FoundEffect, PlacedEffect, StructureEffect
 
@@ -159,14 +154,15 @@ class EffectReport(EffectContents):
         before, after = first.predict_modes(records), last.predict_modes(records)
         rows = np.sort(np.concatenate([split.search, split.held_out]))
         gross = set_aside(last, ladder.context.data, ladder.targets, rows)
-        return cls(
-            targets=records.equations,
-            held_out=split.how,
-            n_search=len(split.search),
-            n_held_out=len(split.held_out),
+        report = report_between(
+            (first, last), records, ladder.targets, split, models, covariances, names, measured
+        )
+        assert report.data is not None
+        return replace(
+            report,
             n_may_stick=int(ladder.may_stick(split.held_out).sum()),
             n_candidates=max((one.n_candidates for one in rounds), default=0),
-            errors=_rung_errors(ladder, effects),
+            errors=rung_errors([named(one.kind, one.place) for one in effects], ladder.errors),
             effects=tuple(effects),
             skipped={
                 effect.kind: reason
@@ -174,34 +170,22 @@ class EffectReport(EffectContents):
                 if (reason := ladder.context.why_not(effect)) is not None
             },
             not_identifiable=tuple(named(*one) for one in ladder.context.spanned()),
-            residual_before=leftover(first, records, ladder.targets, split, names),
-            residual_after=leftover(last, records, ladder.targets, split, names),
             guard_moved=float(np.mean(before != after)) if last.n_modes == first.n_modes else 1.0,
             lost_modes=max(n_declared - models[2].joint_fit_.n_modes, 0),
-            history=tuple(_round_in_words(one, records) for one in rounds),
+            history=tuple(
+                round_in_words(one.finding, one.n_candidates, one.structure.terms, records)
+                for one in rounds
+            ),
             dropped=dropped(rounds, [*last.terms, *(one.candidate for one in tried)], records),
-            tried=tuple(_tried_in_words(one, ladder) for one in tried),
+            tried=tuple(tried_in_words(_as_placed(one, ladder), records) for one in tried),
             exact=tuple(
                 name
                 for state, name in enumerate(records.equations)
                 if state in ladder.context.data.exact_states
             ),
             alarms=tuple(alarms),
-            set_aside=_aside(last, gross, ladder, names),
-            discrete=bool(first.laws.discrete_time),
-            static=records.static,
-            data=EffectData(
-                records=records,
-                rows=split.held_out,
-                samples=split.held_out_samples,
-                targets=ladder.targets,
-                models=(models[0], models[1]),
-                final=models[2],
-                covariances=tuple(covariances),
-                trajectory_names=names,
-                aside=gross.rows,
-                **_as_measured(measured),
-            ),
+            set_aside=gross.in_words(last, records, ladder.context.significance, names),
+            data=replace(report.data, aside=gross.rows),
         )
 
     @property
@@ -259,67 +243,55 @@ class EffectReport(EffectContents):
         return self.to_text()
 
 
+def report_between(
+    ends: tuple[JointFit, JointFit],
+    records: Records,
+    targets: Array,
+    split: Split,
+    models: Sequence[EffectRegressor],
+    covariances: Sequence[Array],
+    names: NDArray | None,
+    measured: Measured | None,
+) -> EffectReport:
+    """What is left over at the two ends of any search, and the rows behind its pictures."""
+    before, after = (leftover(fit, records, targets, split, names) for fit in ends)
+    states, noise = _as_measured(measured)
+    return EffectReport(
+        targets=records.equations,
+        held_out=split.how,
+        n_search=len(split.search),
+        n_held_out=len(split.held_out),
+        residual_before=before,
+        residual_after=after,
+        discrete=bool(ends[0].laws.discrete_time),
+        static=records.static,
+        data=EffectData(
+            records=records,
+            rows=split.held_out,
+            samples=split.held_out_samples,
+            targets=targets,
+            models=(models[0], models[1]),
+            final=models[2],
+            covariances=tuple(covariances),
+            trajectory_names=names,
+            states=states,
+            noise=noise,
+        ),
+    )
+
+
 def in_words(term: PlacedEffect, records: Records) -> str:
     label = term.label(records.names)
     law = rate(records.equations[term.target], static=records.static)
     return title(term.effect.kind, label, law, term.mode)
 
 
-def _aside(fit: JointFit, found: SetAside, ladder: Ladder, names: NDArray | None) -> RowsSetAside:
-    return {
-        "n_rows": len(found.rows),
-        "n_together": len(found.together),
-        "n_trajectories": found.n_trajectories,
-        "p_value": found.p_value,
-        "place": _place(found.where, ladder.records),
-        "is_finding": found.is_finding(ladder.context.significance),
-        "time_interval": (
-            _when(fit, found.event, ladder.records, names)
-            if found.event is not None and found.is_event(ladder.context.significance)
-            else None
-        ),
-    }
-
-
-def _place(where: Whereabouts | None, records: Records) -> RowsPlace | None:
-    if where is None or not where.is_a_place:
-        return None
-    return {
-        "channel": records.names[where.channel],
-        "interval": where.interval,
-        "n_rows": where.n_rows,
-        "others": where.others,
-    }
-
-
-def _when(fit: JointFit, event: Event, records: Records, names: NDArray | None) -> TimeInterval:
-    laws = fit.laws
-    return {
-        "trajectory": label_text(event.trajectory if names is None else names[event.trajectory]),
-        "begin": event.intervals[0][0],
-        "end": event.intervals[-1][1],
-        "intervals": list(event.intervals),
-        "n_rows": event.n_aside,
-        "law": laws_of_mode(
-            event.coef[None],
-            0,
-            laws.feature_map,
-            REPORT.precision,
-            "text",
-            discrete_time=laws.discrete_time,
-            states=records.equations,
-            static=records.static,
-            columns=laws.column_names(records.names),
-        ),
-    }
-
-
-def _as_measured(measured: Measured | None) -> dict[str, Array]:
-    """States as they were recorded, and their noise; empty where velocities were given."""
+def _as_measured(measured: Measured | None) -> tuple[Array | None, Array | None]:
+    """States as they were recorded, and their noise; neither where velocities were given."""
     if measured is None or measured.recorded is None or measured.noise is None:
-        return {}
+        return None, None
     recorded = measured.recorded
-    return {"states": recorded.X[:, : recorded.n_states], "noise": measured.noise.states}
+    return recorded.X[:, : recorded.n_states], measured.noise.states
 
 
 def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:
@@ -334,33 +306,50 @@ def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records)
     return tuple(in_words(term, records) for term in last if identity(term) not in others)
 
 
-def _rung_errors(ladder: Ladder, effects: Sequence[FoundEffect]) -> list[RungErrors]:
-    """Errors of the declared model and after each effect."""
-    models = ["declared model", *(f"+ {named(effect.kind, effect.place)}" for effect in effects)]
+class Added(Protocol):
+    """What any search says of an effect that it adds."""
+
+    @property
+    def candidate(self) -> PlacedEffect: ...
+
+    @property
+    def p_value(self) -> float: ...
+
+
+def rung_errors(added: Sequence[str], errors: list[tuple[Array, Array]]) -> list[RungErrors]:
+    """Errors of the declared model and after each effect that was added."""
+    models = ["declared model", *(f"+ {name}" for name in added)]
     return [
         {"model": model, "search": inside.tolist(), "held_out": outside.tolist()}
-        for model, (inside, outside) in zip(models, ladder.errors, strict=True)
+        for model, (inside, outside) in zip(models, errors, strict=True)
     ]
 
 
-def _round_in_words(one: Round, records: Records) -> RoundInWords:
+def round_in_words(
+    one: Added, n_candidates: int, terms: Sequence[PlacedEffect], records: Records
+) -> RoundInWords:
     """What a round of the search has added, and all effects after it."""
     return {
-        "added": in_words(one.finding.candidate, records),
-        "p_value": float(one.finding.p_value),
-        "n_candidates": one.n_candidates,
-        "effects": [in_words(term, records) for term in one.structure.terms],
+        "added": in_words(one.candidate, records),
+        "p_value": float(one.p_value),
+        "n_candidates": n_candidates,
+        "effects": [in_words(term, records) for term in terms],
     }
 
 
-def _tried_in_words(one: Tried, ladder: Ladder) -> TriedEffect:
+def _as_placed(one: Tried, ladder: Ladder) -> Tried:
+    """One more mode, which acts in no equation alone, in that which gains most."""
+    if not isinstance(one.candidate.effect, StructureEffect):
+        return one
+    target = ladder.gaining(one.before, one.after)
+    return replace(one, candidate=replace(one.candidate, target=target))
+
+
+def tried_in_words(one: Tried, records: Records) -> TriedEffect:
     """An effect that is not kept, and the held-out errors that say why."""
-    term = one.candidate
-    if isinstance(term.effect, StructureEffect):
-        term = replace(term, target=ladder.gaining(one.before, one.after))
     return {
-        "effect": in_words(term, ladder.records),
-        "p_value": one.p_value,
+        "effect": in_words(one.candidate, records),
+        "p_value": float(one.p_value),
         "before": one.before.tolist(),
         "after": one.after.tolist(),
         "rollouts": None if one.rollouts is None else list(one.rollouts),

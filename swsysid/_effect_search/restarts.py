@@ -16,11 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from swsysid._effect_search.candidates import CandidateContext, Trial
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
+from swsysid._rendering.progress import watched
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 
@@ -29,33 +30,30 @@ def is_large(base: CandidateContext, best: Trial) -> bool:
     """Whether a candidate gains more than an effect must, be it significant or not."""
     # Beside wrong modes a right effect gains where they are right, in a few blocks of rows; beneath
     # a slow force a regression is in doubt of everything.
-    least = base.data.settings.gain_a_row * len(base.data.rows)
+    least = SETTINGS.gain_a_row * len(base.data.rows)
     return float(base.gains([best]).sum()) > least
 
 
 def with_modes(
-    context: SearchContext,
-    current: Structure,
-    candidates: Sequence[PlacedEffect],
-    n_jobs: int | None = None,
-    verbose: int = 0,
+    context: SearchContext, current: Structure, candidates: Sequence[PlacedEffect]
 ) -> list[Structure]:
     """The first candidate with the present modes, and all of them with modes sought anew."""
-    terms, settings, first = current.terms, context.settings, candidates[0]
+    terms, first = current.terms, candidates[0]
     warm = context.structure((*terms, first), current.fit.modes)
-    modes = context.data.decoded_modes
+    known = context.data.records.decoded_modes
+    modes = None if known is None else known[context.data.rows]
     unchanged = np.mean(warm.fit.modes == current.fit.modes)
     # Modes that are told may be wrong together with those of the declared model: few rows are left
     # in the stays, and one that is wrong decides between two kinds.
-    if current.fit.n_modes == 1 or (modes is None and unchanged >= settings.same_modes):
+    if current.fit.n_modes == 1 or (modes is None and unchanged >= SETTINGS.same_modes):
         return [warm]  # the modes were right without the effect
     restarts = [
         replace(candidate, mode=None, replaced=None)
-        for candidate in candidates[: settings.n_restarts]
+        for candidate in candidates[: SETTINGS.n_restarts]
     ]
-    anew = Parallel(n_jobs=n_jobs)(
+    anew = Parallel(n_jobs=context.n_jobs)(
         delayed(context.structure)((*terms, candidate), modes, 1)
-        for candidate in tqdm(restarts, desc="modes anew", leave=False, disable=not verbose)
+        for candidate in watched(restarts, "modes anew", bool(context.verbose))
     )
     return [warm, *anew]
 
@@ -73,15 +71,15 @@ def with_one_split(base: CandidateContext) -> NDArray[np.intp] | None:
     data, problem, targets = base.data, base.regression, base.targets
     left = base.fit.residuals(data.records, data.rows, data.targets)[:, targets]
     floor = data.exact[targets]
-    gross = data.settings.gross * np.maximum(robust_scale(left), floor)
+    gross = SETTINGS.gross * np.maximum(robust_scale(left), floor)
     left, X = np.clip(left, -gross, gross), base.records.X[data.rows]
-    least = data.settings.rows_a_column * problem.features.shape[1]
+    least = SETTINGS.rows_a_column * problem.features.shape[1]
     cuts = []
     for mode in range(problem.n_modes):
         own = np.flatnonzero(problem.modes == mode)
         for values in X[own].T:
             cut = best_cut(
-                problem.features[own], left[own], values, least, data.settings.n_splits, floor
+                problem.features[own], left[own], values, least, SETTINGS.n_splits, floor
             )
             cuts += [Cut(cut.gain, own[cut.rows])] if cut is not None else []
     if not cuts:

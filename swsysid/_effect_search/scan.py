@@ -24,6 +24,7 @@ from scipy.optimize import minimize_scalar
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.coloured_noise import rows_in_order
 from swsysid._effect_search.regression import AllEquations, Background, Regression, Solution
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._ties import first_largest, first_least
@@ -178,14 +179,13 @@ def _best_near(
 ) -> tuple[float, ...]:
     """Best parameters near the best value of the scan, one by one, several of them in sweeps."""
     theta: list[float] = grid[start].tolist()
-    settings = context.data.settings
 
     def loss(theta: Sequence[float]) -> float:
         *_, solved = solved_at(context, background, candidate, theta)
         return -float(sum(one.gain[0, 0, candidate.target] for one in solved.values()))
 
     least = loss(theta) if theta else 0.0
-    for _ in range(settings.n_sweeps if len(theta) > 1 else 1):
+    for _ in range(SETTINGS.n_sweeps if len(theta) > 1 else 1):
         before = least
         for place, values in enumerate(map(np.unique, grid.T)):
             if len(values) > 1:
@@ -193,10 +193,10 @@ def _best_near(
                 def along(value: float, place: int = place) -> float:
                     return loss((*theta[:place], value, *theta[place + 1 :]))
 
-                found, there = _least_near(along, values, theta[place], settings.fine)
+                found, there = _least_near(along, values, theta[place], SETTINGS.fine)
                 if there < least:
                     theta[place], least = found, there
-        if before - least <= settings.fine * abs(least):
+        if before - least <= SETTINGS.fine * abs(least):
             break
     return tuple(theta)
 
@@ -239,7 +239,7 @@ def proposals(effect: Effect, context: CandidateContext) -> Iterator[PlacedEffec
 @proposals.register
 def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEffect]:
     """The correction of each sensor that lets the declared laws fit best."""
-    records, settings = context.records, context.data.settings
+    records = context.records
     (along, velocities, _), discrete = context.jumping, bool(context.fit.laws.discrete_time)
     if context.data.noise is not None:
         effect = effect.of_a_recording()
@@ -254,11 +254,11 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
 
         losses = [misfit(value) for value in parameter.values]
         best = int(first_least(losses))
-        if losses[best] > misfit(0.0) - settings.correction:
+        if losses[best] > misfit(0.0) - SETTINGS.correction:
             continue
         value = float(parameter.values[best])
         if not parameter.exact:
-            value, _ = _least_near(misfit, parameter.values, value, settings.fine)
+            value, _ = _least_near(misfit, parameter.values, value, SETTINGS.fine)
         yield PlacedEffect(effect, place, place, theta=(value,))
 
 
@@ -331,4 +331,4 @@ def is_between_samples(context: CandidateContext, trial: Trial) -> bool:
         at_once = context.regression.features[:, features] @ np.mean(laws, axis=0)[features, 0]
         direct = float(channel @ at_once) / float(channel @ channel)
     late = own * candidate.theta[0] / (own + direct)
-    return bool(0.0 <= late <= context.data.settings.held_late * context.records.step)
+    return bool(0.0 <= late <= SETTINGS.held_late * context.records.step)

@@ -29,7 +29,6 @@ from swsysid._effect_search.findings import Ladder, describe_findings
 from swsysid._effect_search.folds import SearchData, Split, split_records
 from swsysid._effect_search.outcome import Choices, Outcome, search_beside
 from swsysid._effect_search.reading import alarms, listed_effects, read_recordings, read_rows
-from swsysid._effect_search.recorded_report import recorded_report
 from swsysid._effect_search.recorded_search import is_of_one_law, searched_recordings
 from swsysid._effect_search.recording import Measured, beside_effects, from_states, with_velocities
 from swsysid._effect_search.report import EffectReport
@@ -277,7 +276,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         self.declared_estimator_ = self._handed_over(declared, measured)
         self.best_estimator_ = self._handed_over(final, measured)
         models = [*(self._regressor(one, measured.records) for one in ends), self.best_estimator_]
-        self.report_ = recorded_report(found, models, self._trajectory_names, self._alarms)
+        self.report_ = found.report(models, self._trajectory_names, self._alarms)
         self.effects_ = [*self.report_.effects]
         return final
 
@@ -304,22 +303,10 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimat
         found = self._search(measured, parts, plain, rng, self.max_effects)
         return measured, found, final
 
-    def _search(
-        self,
-        measured: Measured,
-        parts: Split,
-        plain: JointFit,
-        rng: np.random.RandomState,
-        most: int,
-    ) -> Outcome:
+    def _search(self, measured: Measured, parts: Split, plain: JointFit, rng, most) -> Outcome:
         """So many effects at most beside the declared model, fitted alone to the same rows."""
-        choices = Choices(
-            listed_effects(self.effects),
-            self.cv,
-            self.significance,
-            self.n_jobs,
-            self.verbose,
-        )
+        asked = self.cv, self.significance, self.n_jobs, self.verbose
+        choices = Choices(listed_effects(self.effects), *asked)
         return search_beside(self._declared, plain, measured, parts, rng, choices, most)
 
     def _concluded(self, measured: Measured, found: Outcome, plain: JointFit) -> JointFit:

@@ -20,11 +20,14 @@ from scipy import stats
 from sklearn.neighbors import NearestNeighbors
 
 from swsysid._data.records import Records
+from swsysid._data.trajectories import label_text
 from swsysid._effect_model.joint_fit import JointFit
+from swsysid._effect_search.contents import RowsPlace, RowsSetAside, TimeInterval
 from swsysid._effect_search.folds import SearchData, memory_of
-from swsysid._effect_search.settings import SETTINGS
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._noise import robust_regression, robust_scale
 from swsysid._results import Array
+from swsysid._simulation.model import laws_of_mode
 
 Rows = NDArray[np.intp]
 _NOWHERE = np.empty(0, dtype=np.intp)
@@ -37,8 +40,29 @@ class Event:
     trajectory: int
     intervals: tuple[tuple[float, float], ...]  # from the first time to the last of each, in order
     n_aside: int  # rows set aside in them
-    share: float  # of the rows inside that are set aside
     coef: Array  # of the library, (n_states, n_features): the law of the usual mode and a change
+
+    def in_words(self, fit: JointFit, records: Records, names: NDArray | None) -> TimeInterval:
+        """As a report has it, the law by the names of the channels."""
+        laws = fit.laws
+        return {
+            "trajectory": label_text(self.trajectory if names is None else names[self.trajectory]),
+            "begin": self.intervals[0][0],
+            "end": self.intervals[-1][1],
+            "intervals": list(self.intervals),
+            "n_rows": self.n_aside,
+            "law": laws_of_mode(
+                self.coef[None],
+                0,
+                laws.feature_map,
+                REPORT.precision,
+                "text",
+                discrete_time=laws.discrete_time,
+                states=records.equations,
+                static=records.static,
+                columns=laws.column_names(records.names),
+            ),
+        }
 
 
 @dataclass(frozen=True)
@@ -61,6 +85,17 @@ class Whereabouts:
         """Whether the rows have a place of their own."""
         return self.separation >= 1.0 - SETTINGS.nowhere
 
+    def in_words(self, records: Records) -> RowsPlace | None:
+        """As a report has it, None if it is no place."""
+        if not self.is_a_place:
+            return None
+        return {
+            "channel": records.names[self.channel],
+            "interval": self.interval,
+            "n_rows": self.n_rows,
+            "others": self.others,
+        }
+
 
 @dataclass(frozen=True)
 class SetAside:
@@ -81,6 +116,21 @@ class SetAside:
         """True if another law acts for some time, or at some times, and never else."""
         return self.p_value <= significance and self.event is not None
 
+    def in_words(
+        self, fit: JointFit, records: Records, significance: float, names: NDArray | None
+    ) -> RowsSetAside:
+        """As a report has it, of a fit; `names` are those of the trajectories."""
+        event = self.event if self.is_event(significance) else None
+        return {
+            "n_rows": len(self.rows),
+            "n_together": len(self.together),
+            "n_trajectories": self.n_trajectories,
+            "p_value": self.p_value,
+            "place": None if self.where is None else self.where.in_words(records),
+            "is_finding": self.is_finding(significance),
+            "time_interval": None if event is None else event.in_words(fit, records, names),
+        }
+
 
 def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> SetAside:
     """Those of some rows of a record, with the `targets` of all of it, that no mode explains."""
@@ -92,7 +142,7 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     errors = ((targets - fit.mode_velocities(data.records)) / scale)[:, rows][:, :, counted]
     best = np.argmin(np.sum(errors**2, axis=2), axis=0)
     errors = errors[best, np.arange(len(rows))]
-    far = np.any(np.abs(errors) > data.settings.gross, axis=1)
+    far = np.any(np.abs(errors) > SETTINGS.gross, axis=1)
     far &= ~data.may_stick(fit.terms, data.records, rows)  # no law of its motion acts there
     seen = data.records.take(rows)
     pairs = _neighbours(seen)
@@ -110,7 +160,7 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     # where rows have no order they were taken one by one
     count = len(together if seen.groups is None else np.unique(seen.groups[together]))
     event = _event(fit, data, targets, rows, together)
-    if event is not None and event.n_aside < data.settings.in_intervals * len(together):
+    if event is not None and event.n_aside < SETTINGS.in_intervals * len(together):
         # what lies at a place of its own in several trajectories belongs to the place
         event = event if count == 1 or not where.is_a_place else None
     return SetAside(rows[far], rows[together], count, chance, where, event)
@@ -120,7 +170,7 @@ def _event(
     fit: JointFit, data: SearchData, targets: Array, rows: Rows, together: Rows
 ) -> Event | None:
     """The stretches of a trajectory that rows set aside fill, None if they fill none."""
-    records, settings = data.records, data.settings
+    records = data.records
     if not records.timed:
         return None
     assert records.t is not None
@@ -130,26 +180,26 @@ def _event(
     # what neighbours remember of one error are no rows of their own
     left = fit.residuals(records, data.rows, data.targets)
     left = left[:, data.counted_states]
-    fewest = settings.fewest_in_interval * memory_of(records.take(data.rows), left)
+    fewest = SETTINGS.fewest_in_interval * memory_of(records.take(data.rows), left)
     each = [rows[judged[rows]] for rows in records.trajectories]
     filled = [_stretches_filled(own, aside, fewest) for own in each]
     trajectory = max(
         range(len(each)), key=lambda one: sum(aside[part].sum() for part in filled[one])
     )
     found = filled[trajectory]
-    while found and _chance_of(found, each, aside) > settings.same_event:
+    while found and _chance_of(found, each, aside) > SETTINGS.same_event:
         found = found[:-1]  # the shortest
     if not found:
         return None
     inside = np.concatenate(found)
     ends = sorted((float(records.t[part[0]]), float(records.t[part[-1]])) for part in found)
     n_aside, law = int(aside[inside].sum()), _law_inside(fit, data, targets, np.sort(inside))
-    return Event(trajectory, tuple(ends), n_aside, n_aside / len(inside), law)
+    return Event(trajectory, tuple(ends), n_aside, law)
 
 
 def _stretches_filled(rows: Rows, aside: NDArray[np.bool_], fewest: float) -> list[Rows]:
     """Stretches in which rows set aside outnumber the others, those with most of them first."""
-    best = _outnumbering(rows, aside)
+    best = rows[_highest_sum(np.where(aside[rows], 1.0, -1.0))]
     if aside[best].sum() < fewest:
         return []
     start = int(np.searchsorted(rows, best[0]))
@@ -158,11 +208,6 @@ def _stretches_filled(rows: Rows, aside: NDArray[np.bool_], fewest: float) -> li
         part for side in sides if len(side) for part in _stretches_filled(side, aside, fewest)
     ]
     return sorted([best, *others], key=lambda part: -int(aside[part].sum()))
-
-
-def _outnumbering(rows: Rows, aside: NDArray[np.bool_]) -> Rows:
-    """The stretch of some rows in which those set aside outnumber the others most."""
-    return rows[_highest_sum(np.where(aside[rows], 1.0, -1.0))]
 
 
 def _chance_of(found: list[Rows], each: list[Rows], aside: NDArray[np.bool_]) -> float:
@@ -187,7 +232,7 @@ def _law_inside(fit: JointFit, data: SearchData, targets: Array, inside: Rows) -
     usual = int(np.argmin(np.sum(np.abs(left), axis=(1, 2))))
     features, law = fit.features(data.records)[inside], fit.laws.coef[usual].copy()
     changing = np.ptp(features, axis=0) > 0.0
-    many = len(inside) >= data.settings.rows_a_column * features.shape[1]
+    many = len(inside) >= SETTINGS.rows_a_column * features.shape[1]
     used = fit.laws.support[usual] & (many | ~changing)
     for state in data.counted_states:
         if used[state].any():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import prod
 
 import numpy as np
@@ -27,7 +27,7 @@ from swsysid._effect_search.candidates import (
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.held_out import held_out_cost, unseen_cost
 from swsysid._effect_search.scan import is_unresolved, proposals, refined, scan
-from swsysid._effect_search.settings import SETTINGS, SearchSettings
+from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.switches import gain_of_guard
 from swsysid._journal import step
 from swsysid._noise import robust_scale
@@ -87,6 +87,8 @@ class SearchContext:
     data: SearchData
     declared: JointFit  # fitted to the rows of the search
     significance: float = 0.01  # largest probability of an addition by chance
+    n_jobs: int | None = None
+    verbose: int = 0
     kept: Columns = field(default_factory=dict, repr=False)  # of candidates on this record
     lately: Remembered[CandidateContext] = field(
         default_factory=lambda: Remembered(SETTINGS.n_lately), repr=False
@@ -94,11 +96,6 @@ class SearchContext:
     answers: Remembered = field(
         default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
     )  # to questions about structures
-
-    @property
-    def settings(self) -> SearchSettings:
-        """The numbers of the search."""
-        return self.data.settings
 
     @property
     def n_rows(self) -> int:
@@ -183,11 +180,12 @@ class SearchContext:
         """A fit with the surface between all modes that the searched part of a recording tells."""
         return with_decoded_surface(fit, self.data.records, self.data.rows)
 
-    def without(self, structure: Structure, place: int) -> Structure:
-        """The structure without one of its terms."""
-        return self.answers.of(
-            structure, ("without", place), lambda: self._fitted_without(structure, place)
-        )
+    def without(self, structure: Structure, *places: int) -> Structure:
+        """The structure without some of its terms."""
+        for place in sorted(places, reverse=True):
+            fewer = partial(self._fitted_without, structure, place)
+            structure = self.answers.of(structure, ("without", place), fewer)
+        return structure
 
     def _fitted_without(self, structure: Structure, place: int) -> Structure:
         fit = structure.fit
@@ -215,7 +213,7 @@ class SearchContext:
         data = self.data
         errors = fit.residuals(data.records, data.rows, data.targets)
         usual = errors if like is None else like.residuals(data.records, data.rows, data.targets)
-        gross = self.settings.gross * np.maximum(robust_scale(usual), data.exact)
+        gross = SETTINGS.gross * np.maximum(robust_scale(usual), data.exact)
         return np.clip(errors, -gross, gross)
 
     def squared_errors(self, fit: JointFit, like: JointFit | None = None) -> Array:
@@ -236,7 +234,7 @@ class SearchContext:
                 count += prod(values)
         if base.regression.n_modes == 1:
             return count  # a scan once more is of the same candidates
-        return count * (1 + self.settings.n_questions) + self.settings.n_restarts
+        return count * (1 + SETTINGS.n_questions) + SETTINGS.n_restarts
 
     def unseen_cost(self, structure: Structure) -> Array:
         """Negative log likelihood of every row by fits of the structure to the other folds."""
@@ -273,7 +271,7 @@ class SearchContext:
         chosen, least = [], self._worth_refining(base, known)
         for rank, trial in enumerate(known.trials):
             kind, is_own = trial.candidate.effect.kind, trial.candidate.signature == own
-            if rank < self.settings.n_refined or kind not in kinds or is_own:
+            if rank < SETTINGS.n_refined or kind not in kinds or is_own:
                 if rank not in known.refined and (is_own or known.gains[rank] >= least):
                     known.refined[rank] = refined(base, trial)
                 best = known.refined.get(rank, trial)
@@ -288,8 +286,8 @@ class SearchContext:
         # modes even the right effect gains little where they are wrong.
         largest = known.gains[0] if len(known.gains) else 0.0
         if base.fit.n_modes == 1:
-            largest = max(largest, self.settings.gain_a_row * self.n_rows)
-        return float(self.settings.between_values * largest)
+            largest = max(largest, SETTINGS.gain_a_row * self.n_rows)
+        return float(SETTINGS.between_values * largest)
 
     def corrections(self, structure: Structure, place: int) -> list[Structure]:
         """Structures with an effect of a sensor or clock in the place of a term."""

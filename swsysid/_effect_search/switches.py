@@ -21,7 +21,7 @@ from swsysid._effect_model.equations import guards_with_effects, laws_with_effec
 from swsysid._effect_model.joint_fit import JointFit, known_modes
 from swsysid._effect_search.coloured_noise import Stretches, in_trajectories, rows_in_order
 from swsysid._effect_search.folds import SearchData
-from swsysid._effect_search.settings import REPORT
+from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._results import Array
 from swsysid.metrics._modes import best_matching, contingency
 
@@ -57,7 +57,7 @@ def gain_of_guard(fit: JointFit, data: SearchData) -> Array:
 
 def _cost(wrong: NDArray[np.bool_], data: SearchData) -> Array:
     """Negative log likelihood of each sample by the share that is wrong."""
-    share = float(np.clip(wrong.mean(), data.settings.surprise, 0.5))
+    share = float(np.clip(wrong.mean(), SETTINGS.surprise, 0.5))
     return -np.log(np.where(wrong, share, 1.0 - share))
 
 
@@ -87,9 +87,9 @@ def at_smeared_switches(data: SearchData, modes: NDArray[np.intp], left: Array) 
     order, where = rows_in_order(data)
     inexact = [state for state in range(left.shape[1]) if state not in data.exact_states]
     window = max((where.smeared(left[order, state]) for state in inexact), default=1)
-    half = max(window // 2, data.settings.beside_a_switch)
-    distance = _from_a_switch(modes[order], in_trajectories(data), data.settings.gap_steps)
-    farthest = np.quantile(distance, data.settings.most_unsure, method="lower")
+    half = max(window // 2, SETTINGS.beside_a_switch)
+    distance = _from_a_switch(modes[order], in_trajectories(data), SETTINGS.gap_steps)
+    farthest = np.quantile(distance, SETTINGS.most_unsure, method="lower")
     near[order] = distance < min(half, farthest)
     return near
 
@@ -105,7 +105,7 @@ def is_smeared_mode(data: SearchData, before: JointFit, after: JointFit) -> bool
     left = after.residuals(data.records, data.rows, data.targets)
     smeared = at_smeared_switches(data, modes, left)
     own = FurtherMode(before, after, data.records, data.rows).own
-    return bool(smeared[own].sum() > data.settings.most_smeared * np.count_nonzero(own))
+    return bool(smeared[own].sum() > SETTINGS.most_smeared * np.count_nonzero(own))
 
 
 def _from_a_switch(modes: NDArray[np.intp], series: Stretches, gap: float) -> Array:

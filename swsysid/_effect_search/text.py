@@ -25,7 +25,7 @@ from swsysid._effect_search.words import (
     largest_fall,
     law_of,
     nearest,
-    percent,
+    none_is_sure,
     probability,
     rate_of,
     when,
@@ -78,26 +78,13 @@ def _nothing_found(report: EffectContents) -> str:
     left, free = report.residual_before, None if report.data is None else report.data.free
     velocities, rollouts = left is None or left.clean, free is None or free.holds
     if report.alarms or not (velocities or (rollouts and report.of_rollouts)):
-        return f"{_none_is_sure(report) or none}; what is left over is not all noise."
+        return f"{none_is_sure(report) or none}; what is left over is not all noise."
     if velocities and rollouts:
         return "No effect is missing as far as these data show."
     both = ("free rollouts of the model", "velocities")
     more, only = both if velocities else reversed(both)
     told = f"{only} leave nothing but noise, but {more} leave more"
     return f"{none} and {told}: see what is said of them."
-
-
-def _none_is_sure(report: EffectContents) -> str:
-    """What would come next if chance could not explain it, and how long a record would tell."""
-    near = report.unsure
-    if near is None:
-        return ""
-    return (
-        f"No effect is sure. Nearest is {near['effect']}, by which the squared error of stretches "
-        f"that it was not fitted to falls by {percent(near['share'])} "
-        f"({probability(near['p_value'])}); about {near['longer']:.2g} times as much of such a "
-        "record would tell"
-    )
 
 
 def _fall(report: EffectContents, with_them: str, units: Units) -> str:
@@ -381,6 +368,15 @@ def _effect(number: int, effect: FoundEffect, report: EffectContents) -> Iterato
         which = "rival" if len(entries) == 1 else "rivals"
         listed = "; ".join(entries)
         yield f"   {which}, as good on these data: {listed}; to tell them apart: {advice}"
+    if advised:
+        yield f"   {WHICH_RECORDING}"
+
+
+# Candidates are the user's: a report knows no recordings that could be made.
+WHICH_RECORDING = (
+    "which recording does so most: suggest_experiment(model.stated(), candidates, recordings, "
+    "rivals=[rival.stated()]) of swsysid.refinement"
+)
 
 
 def _rollouts(report: EffectContents) -> Iterator[str]:

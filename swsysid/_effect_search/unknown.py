@@ -8,7 +8,7 @@ is left follows a channel and no effect with a name says how.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from operator import attrgetter
 
 import numpy as np
@@ -24,10 +24,9 @@ from swsysid._effect_search.evidence import chance_of_gains
 from swsysid._effect_search.restarts import is_large, with_modes
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._remembered import Remembered
 from swsysid._ties import first_largest, least_of
 from swsysid.effects import PlacedEffect, StructureEffect, UnknownFunction
-from swsysid.effects._shapes import finer, next_finer, shapes
+from swsysid.effects._shapes import finer, shapes
 
 _cost = attrgetter("cost")
 
@@ -38,21 +37,14 @@ class Unknowns:
 
     named: SearchContext
     shapes: SearchContext  # the same data, with smooth functions in the place of the effects
-    n_jobs: int | None = None
-    verbose: int = 0
-    _tried: Remembered[Structure] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
-    )  # `_instead` of the terms of structures
 
     @classmethod
-    def of(
-        cls, context: SearchContext, n_jobs: int | None = None, verbose: int = 0
-    ) -> Unknowns | None:
+    def of(cls, context: SearchContext) -> Unknowns | None:
         """None where nobody asks for them."""
         if not any(isinstance(effect, UnknownFunction) for effect in context.usable):
             return None
         own = replace(context, effects=shapes(context.data.records), kept={})
-        return cls(context, own, n_jobs, verbose)
+        return cls(context, own)
 
     # -- structures --------------------------------------------------------------------------------
 
@@ -67,32 +59,13 @@ class Unknowns:
             # of those within one standard error the one with the fewest terms
             level = [option for option in options if not self._is_better(best, option)]
             structure = least_of([best, *level], lambda option: len(option.terms), _cost)
-        return self._resolved(structure)
-
-    def _resolved(self, structure: Structure) -> Structure:
-        """The structure with as many knots of each shape as it is better with."""
-        # A scan gives the rows no weight that the shape at hand does not explain, and finds it fine
-        # enough; in a structure they count.
-        for place in range(len(structure.terms)):
-            options = [structure]
-            while options:
-                best = least_of(options, _cost)
-                if best is not structure and not self._is_better(best, structure):
-                    break
-                structure, term = best, best.terms[place]
-                if not isinstance(term.effect, UnknownFunction):
-                    break
-                options = [
-                    self.named.exchanged(structure, place, replace(term, effect=shape))
-                    for shape in next_finer(term.effect, self.named.data.records)
-                ]
         return structure
 
     def _is_better(self, option: Structure, than: Structure) -> bool:
         """True if it predicts held-out rows better by a standard error, and by more than a tie."""
         # The coefficients of a shape are those of other folds: there is no price to pay for them.
         gain, error = self._gain(option, than)
-        least = self.named.settings.tie + np.log(len(self.shapes.effects))
+        least = SETTINGS.tie + np.log(len(self.shapes.effects))
         return gain > max(error, least)
 
     def _gain(self, option: Structure, than: Structure) -> tuple[float, float]:
@@ -107,7 +80,7 @@ class Unknowns:
         trial, n_candidates = self._best(base)
         if trial is None:
             return None
-        hopeful = n_candidates * base.p_value(trial) <= context.settings.hopeful
+        hopeful = n_candidates * base.p_value(trial) <= SETTINGS.hopeful
         anew = fit.n_modes > 1 and (hopeful or is_large(base, trial))
         if anew:
             fit = self._with_modes(structure, base, trial).fit
@@ -115,9 +88,8 @@ class Unknowns:
             trial, n_more = self._best(base)
             if trial is None:
                 return None
-            n_candidates += n_more + context.settings.n_restarts
+            n_candidates += n_more + SETTINGS.n_restarts
         tried = context.structure((*fit.terms[:place], trial.candidate), fit.modes)
-        tried = self._resolved(tried)
         if not is_promising(context, structure, tried, n_candidates):
             return None
         chance = base.p_value(trial)
@@ -137,7 +109,7 @@ class Unknowns:
                 key = (trial.candidate.place, trial.candidate.target)
                 of_each.setdefault(key, trial.candidate)
         candidates = [best.candidate, *of_each.values()]
-        anew = with_modes(self.named, structure, candidates, self.n_jobs, self.verbose)
+        anew = with_modes(self.named, structure, candidates)
         return least_of(anew, attrgetter("price"))
 
     def as_rivals(self, structure: Structure, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
@@ -155,9 +127,8 @@ class Unknowns:
         # A few blocks that hold all of a gain leave its error open; an effect's worth does not. And
         # several effects of a channel are to be worth their number beside one shape of it, as is
         # one more mode, which bends to anything.
-        settings = self.named.settings
         is_mode = isinstance(structure.terms[place].effect, StructureEffect)
-        worth = settings.mode_gain_a_row if is_mode else settings.gain_a_row
+        worth = SETTINGS.mode_gain_a_row if is_mode else SETTINGS.gain_a_row
         worth *= self.named.n_rows
         limit = min(error, worth) if len(group) == 1 and not is_mode else worth
         if gain > limit:
@@ -166,7 +137,8 @@ class Unknowns:
 
     def _instead(self, structure: Structure, group: list[int]) -> Structure:
         """The structure with the best shape in the place of some terms."""
-        return self._tried.of(structure, tuple(group), lambda: self._with_best(structure, group))
+        question = ("a shape instead", *group)
+        return self.named.answers.of(structure, question, lambda: self._with_best(structure, group))
 
     def _with_best(self, structure: Structure, group: list[int]) -> Structure:
         # The modes are those found with the terms, for without them they may be wrong; but those
@@ -215,7 +187,7 @@ def _simplest(base: CandidateContext, trials: list[Trial]) -> Trial:
     best = trials[int(first_largest(gains))]
     of_one = [place for place, trial in enumerate(trials) if _n_arguments(trial) == 1]
     if _n_arguments(best) > 1 and of_one:
-        most = base.data.settings.gain_a_row * float(base.regression.weight.sum())
+        most = SETTINGS.gain_a_row * float(base.regression.weight.sum())
         if gains[of_one].max() > gains.max() - most:
             return _simplest(base, [trials[place] for place in of_one])
 

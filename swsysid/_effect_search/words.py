@@ -122,6 +122,19 @@ def nearest(report: EffectContents, units: Units) -> str:
     )
 
 
+def none_is_sure(report: EffectContents) -> str:
+    """What would come next if chance could not explain it, and how long a record would tell."""
+    near = report.unsure
+    if near is None:
+        return ""
+    return (
+        f"No effect is sure. Nearest is {near['effect']}, by which the squared error of stretches "
+        f"that it was not fitted to falls by {percent(near['share'])} "
+        f"({probability(near['p_value'])}); about {near['longer']:.2g} times as much of such a "
+        "record would tell"
+    )
+
+
 def rate_of(report: EffectContents, state: int) -> str:
     """What held-out errors are of: a free rollout, or what a law gives."""
     name = report.targets[state]

@@ -120,9 +120,9 @@ class Pairs:
     def inside(self, t: Array, step: float) -> Pairs:
         """Without lone switches in the first and the last step: the other may be outside.
 
-        The times are those at which something was measured.
+        The times are those at which something was measured; without any there is no inside.
         """
-        first, last = t[0] + step, t[-1] - step
+        first, last = (t[0] + step, t[-1] - step) if len(t) else (np.inf, -np.inf)
         alone = [
             tuple(one for one in side if first < one.time < last)
             for side in (self.missing, self.extra)

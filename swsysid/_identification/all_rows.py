@@ -24,6 +24,7 @@ from swsysid._data.sources import Rows
 from swsysid._identification.descent import Descent, descend
 from swsysid._identification.problem import Costs, Modes, SwitchingProblem
 from swsysid._identification.trust_region import Estimate, Sampled, TrustRegions
+from swsysid._identification.within import better_within
 from swsysid._results import Array, IterationRecord
 from swsysid._surfaces.fitted import FittedSurfaces, HingeSummary
 from swsysid._surfaces.margin_program import SurfaceFit
@@ -313,8 +314,11 @@ class _InPasses:
         support = problem.support
         if support is None:
             support = np.ones(coef.shape, dtype=bool)
-        for mode in np.flatnonzero(result.weight):  # one without samples keeps its vector field
-            coef[mode] = result.dynamics[mode].fit(coef[mode], bound, support[mode])
+        if (region := problem.region) is not None:
+            coef = better_within(region, problem.loss.name, result.dynamics, coef, support)
+        else:
+            for mode in np.flatnonzero(result.weight):  # one without samples keeps its own
+                coef[mode] = result.dynamics[mode].fit(coef[mode], bound, support[mode])
         return self._moved(given, coef, self.refit(iterate, refused))
 
     def _moved(self, given: Pass, coef: Array, fits: list[SurfaceFit]) -> Pass:

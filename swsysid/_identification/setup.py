@@ -44,7 +44,7 @@ from swsysid._data.trajectories import group_labels
 from swsysid._identification.problem import Modes, SwitchingProblem
 from swsysid._identification.settings import Parameters
 from swsysid._identification.within import KnownGuard, KnownLaws
-from swsysid._known.known import Known, check_known
+from swsysid._known.known import Known, check_known, refuse_energies
 from swsysid._losses import get_loss
 from swsysid._results import Array
 from swsysid._seeding.search import same_partition
@@ -125,10 +125,7 @@ def checked_rows(
         blocks = row_blocks(X, y, sample_weight, groups, read_at_once=read_at_once)
         names, one_target = columns_of_blocks(X, y)
         validate_data(estimator, names)
-    # what is known joins modes and equations, which summaries of rows keep apart
-    at_once = _knows_laws(estimator) and not holds_blocks(X)
-    most_rows = settings.whole if blocks.n_rows is None or not at_once else blocks.n_rows
-    sample = draw_sample(blocks, settings.sampled, most_rows)
+    sample = draw_sample(blocks, settings.sampled, settings.whole)
     return TrainingRows(blocks, sample).without_factor(), one_target
 
 
@@ -175,6 +172,8 @@ def _known_laws(
         return None
     if estimator.coef_bound is not None:
         raise ValueError("known and coef_bound exclude each other; bound coefficients in known.")
+    if estimator.discrete_time:
+        refuse_energies(laws.known)
     region = laws.region(2 if estimator.n_modes == "auto" else int(estimator.n_modes))
     if region.is_of_one_law:
         raise ValueError(
@@ -184,20 +183,10 @@ def _known_laws(
     return laws
 
 
-def _knows_laws(estimator: Parameters) -> bool:
-    known = check_known(estimator.known)
-    return known is not None and known.of_laws is not None
-
-
 def build_search(
     estimator: Parameters, rows: CanonicalRows, sample: Sample | None = None
 ) -> Search:
     """How to look for the answer on the canonical rows, of all data or of a sample of them."""
-    if _knows_laws(estimator) and not (sample is None or sample.is_everything):
-        raise ValueError(
-            "known holds for rows that are in memory at once; give arrays in place of blocks, or "
-            "fewer rows."
-        )
     return Search(estimator, _resolve_init(estimator, rows, sample), rows.arrays[2])
 
 

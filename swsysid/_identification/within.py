@@ -18,6 +18,7 @@ from swsysid._identification.settings import Parameters
 from swsysid._known.known import Known
 from swsysid._known.region import Region
 from swsysid._known.sentences import Guard, Names
+from swsysid._losses.base import Summary
 from swsysid._losses.within import Block, least_within
 from swsysid._results import Array
 from swsysid._surfaces.polynomials import Basis, plain_basis
@@ -157,3 +158,35 @@ def _blocks(given: Rows, membership: Array, free: NDArray[np.bool_]) -> list[Blo
             places = place[modes, state][own]
             blocks.append(Block(design, target[rows], given.weight[rows], rows, places))
     return blocks
+
+
+def better_within(
+    region: Region, loss: str, summaries: Sequence[Summary], coef: Array, support: NDArray[np.bool_]
+) -> Array:
+    """Better vector fields than those that rows of each mode were summarised at.
+
+    What rows do not tell stays: of a mode without rows, and of an equation that it meets exactly.
+    """
+    told = [summary.regression for summary in summaries]
+    free = support & ~region.fixed[0]
+    for mode, state in np.argwhere(free.any(axis=2)).tolist():
+        n_heavy = told[mode].n_heavy
+        few = len(told[mode].rows[state][1]) - n_heavy < free[mode, state].sum()
+        free[mode, state] &= not (n_heavy and few)
+    place, n_free = np.cumsum(free).reshape(free.shape) - 1, int(free.sum())
+    blocks, begin = [], 0
+    gradient, hessian = np.zeros(n_free), np.zeros((n_free, n_free))
+    for mode, own in enumerate(told):
+        for state, (design, target) in enumerate(own.rows):
+            some, at = free[mode, state], begin + np.arange(len(target))
+            left, each = target - design @ coef[mode, state], np.ones(len(target))
+            places = place[mode, state][some]
+            blocks.append(Block(design[:, some], left, each, at, places, own.n_heavy))
+        begin += max((len(target) for _, target in own.rows), default=0)
+        if own.gradient is not None and own.hessian is not None:
+            places = place[mode][free[mode]]
+            gradient[places] = own.gradient[free[mode]]
+            hessian[np.ix_(places, places)] = own.hessian[free[mode]][:, free[mode]]
+    steps, moved = region.steps(coef, free), coef.copy()
+    moved[free] += least_within(loss, blocks, steps, np.zeros(n_free), (gradient, hessian))
+    return moved.clip(*region.box)

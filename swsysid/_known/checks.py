@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 
 from swsysid._known.region import Region
-from swsysid._known.sentences import Guard, Names
+from swsysid._known.sentences import Energy, Guard, Names
 from swsysid._rendering.printing import linear_combination, with_error
 from swsysid._results import Array
 
@@ -163,6 +163,7 @@ class _Asked:
         self.of_guard = fit.of_guard(sentence) if isinstance(sentence, Guard) else None
         if self.of_guard is not None:
             self.log_p = self.of_guard.log_p
+        region = region.tangent(fit.coef)
         self.beside = region.beside(number, fit.coef, fit.free)
         held = region.without(*self.beside)
         own, self.less = region.owner == number, held.without(number)
@@ -170,7 +171,7 @@ class _Asked:
             return
         both = [fit.released(one) for one in (held, self.less)]
         ranks = [one.steps(fit.coef, fit.free).rank for one in (held, self.less)]
-        n_free = max(1, ranks[0] - ranks[1])
+        n_free = max(1, ranks[0] - ranks[1] + region.n_bent(number, fit.coef))
         statistic = 2.0 * max(0.0, both[1].gain - both[0].gain) / (n_free * both[1].unit)
         self.log_p = float(fisher.logsf(statistic, n_free, both[1].n_values))
         if not region.equal[own].all():
@@ -183,8 +184,10 @@ class _Asked:
         if self.of_guard is not None:
             doubt, chance = self.of_guard, float(np.exp(self.log_p))
             return KnownCheck(sentence, chance, *doubt[1:], self.log_p < most)
+        released = fit.released(self.less)
+        region = region.tangent(fit.coef + released.change)
         own = np.flatnonzero(region.owner == self.number)
-        released, rows = fit.released(self.less), region.matrix[own]
+        rows = region.matrix[own]
         forms, covariance = rows[:, fit.free], released.covariance()
         untold = np.isinf(np.diag(covariance))
         known = np.where(untold[:, None] | untold, 0.0, covariance)
@@ -199,10 +202,13 @@ class _Asked:
         worst = int((off / errors).argmax())
         row = region.rows[own[worst]]
         scale = row[row != 0.0][0] if (row != 0.0).sum() == 1 else 1.0
+        asked, name = region.sentences[self.number], ""
+        if isinstance(asked, Energy):
+            name = asked.direction(row, region.names)
         return KnownCheck(
             sentence,
             float(np.exp(self.log_p)),
-            _described(row / scale, region.names),
+            name or _described(row / scale, region.names),
             float(values[worst] / scale),
             float(errors[worst] / abs(scale)),
             self.log_p < most,

@@ -4,6 +4,7 @@
              | law "has no" terms | law "has only" terms
              | law "same in all modes" | coefficient "same in all modes"
              | "guard" sum ("=" | "<=" | ">=") ("*" | sum) | "guard has only" terms
+             | "energy" sum "never rises"
     law      = name "'"             the left side of a printed equation; x[k+1] is read as x'
     coefficient = law "[" term "]"  what stands before the term in the law
     sum      = of coefficients and numbers, or of laws, terms and numbers, each perhaps with a
@@ -11,7 +12,8 @@
     terms    = names between commas; "other terms" are those that no sentence names
 
 The sum of a guard has terms and numbers: modes change where it passes a threshold, which is sought
-where it is "*". Which mode is on which side is found.
+where it is "*". Which mode is on which side is found. An energy is a sum of squares and products of
+states, such as 4 x^2 + v^2.
 
 A term may end with a prime itself, as the speed x' where positions are measured: to the right of
 "=" it is a term if there is one of that name, and else a law.
@@ -30,6 +32,7 @@ import numpy as np
 from swsysid._checks.parameters import shown
 from swsysid._known.sentences import (
     REST,
+    Energy,
     GuardOnly,
     GuardSum,
     Identity,
@@ -48,6 +51,7 @@ _EXPONENT = re.compile(r"(?:^|[^\w`])(?:\d+\.?\d*|\.\d+)[eE]$")
 _HAS = re.compile(r"(?P<law>.*'`?)\s+has\s+(?P<how>no|only)\s+(?P<terms>.*)", re.DOTALL)
 _SAME = re.compile(r"(?P<of>.*?\S)\s+(?:is |are )?(?:the )?same in (?:all|every) modes?")
 _GUARD = re.compile(r"guard\s+(?:(?P<only>has\s+only\s)|)(?P<of>.*)", re.DOTALL)
+_ENERGY = re.compile(r"(?:the )?energy\s+(?P<of>.*?\S)\s+never (?:rises|grows|increases)")
 _SOUGHT = "*"  # a threshold that is sought
 _OTHERS = ("other terms", "other term", "others", REST)
 _OPEN, _CLOSE = "([{", ")]}"
@@ -69,6 +73,12 @@ def read(text: object) -> Sentence:
         )
     if (found := _GUARD.fullmatch(sentence)) is not None:
         return _guard(found, text)
+    if (found := _ENERGY.fullmatch(sentence)) is not None:
+        own = list(_parts(found["of"], text))
+        if any(one.term == "1" or (one.equation and one.term) for one in own):
+            raise _refused(text, "an energy is of squares and products of states")
+        named = (Part(one.weight, "", one.term or f"{one.equation}'") for one in own)
+        return Energy(tuple(named))
     if (found := _SAME.fullmatch(sentence)) is not None:
         own = list(_parts(found["of"], text))
         if len(own) != 1 or own[0].weight != 1.0 or not own[0].equation:

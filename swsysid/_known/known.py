@@ -12,6 +12,7 @@ from swsysid._known.grammar import read
 from swsysid._known.region import Region
 from swsysid._known.sentences import (
     REST,
+    Energy,
     Guard,
     Names,
     Only,
@@ -72,8 +73,8 @@ class Known:
             ``"v'[x] = 2 w'[x]"`` (coefficients), ``"x0' + x1' + x2' = 0"`` (laws),
             ``"v' has no u"``, ``"v' has no other terms"``, ``"v' has only x, v"``,
             ``"v'[u] same in all modes"``, ``"v' same in all modes"``, ``"guard x >= 0.5"``,
-            ``"guard x + 2 v >= *"``, ``"guard has only 1, x"``. A name with a sign or comma in it
-            stands in backquotes.
+            ``"guard x + 2 v >= *"``, ``"guard has only 1, x"``, ``"energy 4 x^2 + v^2 never
+            rises"``. A name with a sign or comma in it stands in backquotes.
 
         Returns
         -------
@@ -126,6 +127,19 @@ class Known:
         """What sentences say; as `from_text`, in a chain."""
         return self._and(*map(read, sentences))
 
+    def dissipates(self, energy: str) -> Known:
+        """A quadratic energy such as ``"4 x^2 + v^2"`` never rises, in any mode, without inputs.
+
+        Laws are linear in the states; of laws with constants it is the energy of the difference of
+        two motions.
+
+        Examples
+        --------
+        >>> print(Known().dissipates("4 x^2 + v^2"))
+        energy 4 x^2 + v^2 never rises
+        """
+        return self._and(read(f"energy {energy} never rises"))
+
     def guard(self, sentence: str) -> Known:
         """Where modes change: ``"x >= 0.5"``, ``"x + 2 v >= *"``, ``"has only 1, x"``.
 
@@ -142,6 +156,11 @@ class Known:
     def of_columns(self, names: Sequence[str]) -> Known:
         """The same of rows without names, whose columns are called so here."""
         return replace(self, columns=tuple(names))
+
+    def without(self, left_out: frozenset[int]) -> Known:
+        """The same without sentences of some numbers."""
+        own = enumerate(self.sentences)
+        return replace(self, sentences=tuple(one for k, one in own if k not in left_out))
 
     def of_guard(self, left_out: frozenset[int] = frozenset()) -> Guard | None:
         """What it says of guards, some sentences left out; ValueError where that is two things."""
@@ -205,6 +224,12 @@ def known_laws(known: object, why: str) -> Known | None:
     if found is not None and (guard := found.of_guard()) is not None:
         raise ValueError(f'known="{guard}" is of the surfaces of a fit, and {why}; leave it out.')
     return found
+
+
+def refuse_energies(known: Known) -> None:
+    """ValueError where it has an energy, in discrete time."""
+    if any(isinstance(one, Energy) for one in known.sentences):
+        raise ValueError("An energy that never rises is known of velocities; leave it out.")
 
 
 def both_known(one: Known | None, other: Known | None) -> Known | None:

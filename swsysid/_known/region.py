@@ -1,4 +1,4 @@
-"""Coefficients that what is known allows: the rows lower <= A c <= upper."""
+"""Coefficients that what is known allows: the rows lower <= A c <= upper, and cones."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from swsysid._known.program import Steps
-from swsysid._known.sentences import Names, Row, Sentence
+from swsysid._known.program import Cone, Steps
+from swsysid._known.sentences import Energy, Names, Row, Sentence
 from swsysid._results import Array
 
 _INFEASIBLE = 2  # as HiGHS says it through SciPy
+_NEAR = 1e-6  # of the size of a matrix, by which it is on the border of a cone
 _MET = 1e-7  # of the sizes in a row, by which fixed coefficients may miss it
 
 
@@ -34,6 +35,8 @@ class Region:
     owner: NDArray[np.intp]  # (n_rows,): number of the sentence
     change: Array  # (n_terms, n_terms): coefficients times it are those of the sentences
     left_out: frozenset[int] = frozenset()  # numbers of sentences that are not held
+    # matrices that must not be positive, (k, k, n_modes, n_equations, n_terms), of sentences
+    cones: tuple[tuple[int, Array], ...] = ()
 
     @classmethod
     def of(
@@ -52,8 +55,82 @@ class Region:
         change = np.eye(len(names.terms))
         numbers = np.array(owner, dtype=np.intp)
         region = cls(sentences, names, matrix, lower, upper, numbers, change, left_out)
+        for number, sentence in enumerate(sentences):
+            if isinstance(sentence, Energy) and number not in left_out:
+                modes = range(names.n_modes)
+                cones = tuple((number, sentence.cone(names, mode)) for mode in modes)
+                region = replace(region, cones=region.cones + cones)
+                region = region.faced()
+                fixed, values = region.fixed
+                bent = sentence.bent(names) & ~(fixed & (values == 0.0))
+                if bent.any():
+                    term = names.terms[bent.any(axis=(0, 1)).argmax()]
+                    raise ValueError(
+                        f'known="{sentence}" is of laws that are linear in states; one may have '
+                        f"{term}: say which terms there are, or use feature_library=1."
+                    )
         region.check(np.zeros(names.shape), np.ones(names.shape, dtype=bool))
         return region
+
+    def faced(self) -> Region:
+        """The same with what cones say in rows: nothing on their diagonal is positive.
+
+        Where other rows keep it at zero all of its row of the matrix is zero: with x' = v an energy
+        tells the stiffness, and of the damping the sign.
+        """
+        region = self
+        for number, cone in self.cones:
+            diagonal = np.einsum("kkmsf->kmsf", cone)
+            region = region.with_rows(number, diagonal, -np.inf)
+        while (one := region.zero_diagonal()) is not None:
+            place, zero = one
+            number, cone = region.cones[place]
+            cones = [*region.cones]
+            cones[place] = number, cone[~zero][:, ~zero]
+            faces = cone[zero].reshape(-1, *region.names.shape)
+            region = replace(region, cones=tuple(cones)).with_rows(number, faces, 0.0)
+        return replace(region, cones=tuple(one for one in region.cones if len(one[1]) > 1))
+
+    def zero_diagonal(self) -> tuple[int, NDArray[np.bool_]] | None:
+        """Which cone has zeros on its diagonal that rows tell, and which they are."""
+        told, values = self.fixed
+        for place, (_, cone) in enumerate(self.cones):
+            diagonal = np.einsum("kkmsf->kmsf", cone)
+            size = _MET * np.abs(cone).max(initial=0.0)
+            small = np.abs(np.tensordot(diagonal, values, 3)) <= size
+            zero = small & ~(diagonal != 0.0)[:, ~told].any(axis=1)
+            if zero.any():
+                return place, zero
+        return None
+
+    def with_rows(self, number: int, rows: Array, lower: float) -> Region:
+        """With rows lower <= rows c <= 0 of a sentence, those that say something."""
+        rows = rows[(rows != 0.0).any(axis=(1, 2, 3))]
+        return replace(
+            self, rows=np.concatenate([self.rows, rows]),
+            lower=np.append(self.lower, np.full(len(rows), lower)),
+            upper=np.append(self.upper, np.zeros(len(rows))),
+            owner=np.append(self.owner, np.full(len(rows), number)),
+        )  # fmt: skip
+
+    def tangent(self, coef: Array) -> Region:
+        """With rows for the cones that coefficients reach or miss, in the directions of both."""
+        region = self
+        for number, cone in self.cones:
+            reached = self._reached(cone, coef)
+            rows = np.einsum("ik,ijmsf,jk->kmsf", reached, cone, reached)
+            region = region.with_rows(number, rows, -np.inf)
+        return region
+
+    def n_bent(self, number: int, coef: Array) -> int:
+        """Directions in which cones of a sentence hold coefficients."""
+        counts = [self._reached(cone, coef).shape[1] for own, cone in self.cones if own == number]
+        return sum(count * (count + 1) // 2 for count in counts)
+
+    def _reached(self, cone: Array, coef: Array) -> Array:
+        values, vectors = np.linalg.eigh(np.tensordot(cone @ self.change.T, coef, 3))
+        size = np.abs(cone).max() * np.abs(coef).max()
+        return np.asarray(vectors[:, values > -_NEAR * size])
 
     def of_modes(self, n_modes: int) -> Region:
         """The same sentences of another number of modes."""
@@ -71,15 +148,21 @@ class Region:
         """The same of coefficients that times `change` (n_terms, n_terms) are these."""
         return replace(self, change=change @ self.change)
 
+    def in_units(self, unit: Array) -> Region:
+        """The same of coefficients that times `unit` (n_equations, n_terms) are these."""
+        cones = tuple((number, cone * unit) for number, cone in self.cones)
+        return replace(self, rows=self.rows * unit, cones=cones)
+
     def beside_columns(self, n_columns: int) -> Region:
         """The same with so many terms more, of which nothing is known."""
         names = self.names.terms + [f"column {k}" for k in range(n_columns)]
         more = [(0, 0)] * (self.rows.ndim - 1) + [(0, n_columns)]
         change = np.eye(len(names))
         change[: len(self.change), : len(self.change)] = self.change
+        cones = tuple((number, np.pad(cone, [(0, 0), *more])) for number, cone in self.cones)
         return replace(
             self, names=Names(self.names.equations, names, self.names.n_modes),
-            rows=np.pad(self.rows, more), change=change,
+            rows=np.pad(self.rows, more), change=change, cones=cones,
         )  # fmt: skip
 
     def without(self, *sentences: int) -> Region:
@@ -121,6 +204,7 @@ class Region:
         return replace(
             self, rows=self.rows[some], lower=self.lower[some], upper=self.upper[some],
             owner=self.owner[some],
+            cones=tuple(one for one in self.cones if one[0] in self.owner[some]),
         )  # fmt: skip
 
     @cached_property
@@ -151,7 +235,10 @@ class Region:
     @property
     def touched(self) -> NDArray[np.bool_]:
         """Coefficients of which anything is known."""
-        return np.asarray((self.matrix != 0.0).any(axis=0))
+        told = (self.matrix != 0.0).any(axis=0)
+        for _, cone in self.cones:
+            told |= (cone @ self.change.T != 0.0).any(axis=(0, 1))
+        return np.asarray(told)
 
     @property
     def related(self) -> NDArray[np.bool_]:
@@ -208,7 +295,11 @@ class Region:
     def steps(self, coef: Array, free: NDArray[np.bool_]) -> Steps:
         """What steps of free coefficients, in the order of their places, may be."""
         rows, now = self.matrix[:, free], np.einsum("rmsf,msf->r", self.matrix, coef)
-        return _steps(rows, self.lower - now, self.upper - now)
+        cones = tuple(
+            Cone(np.tensordot(one, coef, 3), np.moveaxis(one[:, :, free], 2, 0))
+            for one in (cone @ self.change.T for _, cone in self.cones)
+        )
+        return replace(_steps(rows, self.lower - now, self.upper - now), cones=cones)
 
     def check(self, coef: Array, free: NDArray[np.bool_]) -> None:
         """ValueError where no values of the free coefficients meet it beside the others.

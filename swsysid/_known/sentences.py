@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._results import Array
 
@@ -227,6 +228,72 @@ class Same:
     def __str__(self) -> str:
         law = f"{_name(self.equation)}'"
         return (law if self.term == REST else f"{law}[{self.term}]") + " same in all modes"
+
+
+@dataclass(frozen=True)
+class Energy:
+    """A quadratic form of the states never rises in any mode: A'P + PA is not positive."""
+
+    parts: tuple[Part, ...]  # squares and products of states, the terms x^2 and x v
+
+    def rows(self, names: Names, named: set[tuple[int, int]]) -> Iterator[Row]:
+        """None: it is a cone."""
+        yield from ()
+
+    def named(self, names: Names) -> Iterator[tuple[int, int]]:
+        """None."""
+        yield from ()
+
+    def form(self, names: Names) -> Array:
+        """P, (n_states, n_states)."""
+        form = np.zeros((len(names.equations), len(names.equations)))
+        places = {
+            _usual(text): (i, j)
+            for i, one in enumerate(names.equations)
+            for j, other in enumerate(names.equations)
+            for text in ((f"{one}^2",) if i == j else (f"{one} {other}",))
+        }
+        for part in self.parts:
+            if _usual(part.term) not in places:
+                raise ValueError(
+                    f'known="{self}" names {part.term}; an energy is of squares and products of '
+                    f"the states {', '.join(names.equations)}, such as {names.equations[0]}^2."
+                )
+            i, j = places[_usual(part.term)]
+            form[i, j] += 0.5 * part.weight
+            form[j, i] += 0.5 * part.weight
+        return form
+
+    def cone(self, names: Names, mode: int) -> Array:
+        """A'P + PA as sums of coefficients, (n_states, n_states, n_modes, n_equations, n_terms)."""
+        form, n = self.form(names), len(names.equations)
+        half = np.zeros((n, n, *names.shape))
+        for place, state in enumerate(names.equations):
+            half[:, place, mode, :, names.term(state)] = form
+        return half + half.swapaxes(0, 1)
+
+    def direction(self, row: Array, names: Names) -> str:
+        """Where a constraint is the rate of the energy; nothing where it is that of no state."""
+        mode = int(np.abs(row).max(axis=(1, 2)).argmax())
+        block = row[mode][:, [names.term(one) for one in names.equations]]
+        _, sizes, directions = np.linalg.svd(block)
+        if np.count_nonzero(row) < 2 or sizes[1:].max(initial=0.0) > 1e-9 * sizes[0]:
+            return ""
+        state = directions[0] * np.sign(directions[0][np.abs(directions[0]).argmax()])
+        at = (f"{one} = {value:.2g}" for one, value in zip(names.equations, state, strict=True))
+        where = f"in mode {mode} " if names.n_modes > 1 else ""
+        return f"rate of the energy {where}at {', '.join(at)}"
+
+    def bent(self, names: Names) -> NDArray[np.bool_]:
+        """Coefficients of which there must be none, that laws are linear, as `names.shape`."""
+        state = "|".join(re.escape(one) for one in names.equations)
+        word = re.compile(rf"(?<![\w'])(?:{state})(?![\w'])")
+        terms = [one not in names.equations and bool(word.search(one)) for one in names.terms]
+        used = np.asarray(self.form(names).any(axis=0))
+        return np.broadcast_to(used[:, None] & np.array(terms), names.shape)
+
+    def __str__(self) -> str:
+        return f"energy {_sum((one.weight, _name(one.term)) for one in self.parts)} never rises"
 
 
 class Guard(ABC):

@@ -20,7 +20,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,15 @@ PROVED = 1e-7  # relative gap up to which a fit counts as optimal; conic solvers
 ROUNDING = 1e-12  # of the loss of the targets themselves
 # Indices of outputs (k, 1) and of features (1, p): together they pick a block of coefficients.
 Place = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+class Regression(NamedTuple):
+    """What a summary says, as rows of each output and a smooth part beside their loss."""
+
+    rows: tuple[tuple[Array, Array], ...]  # features (n_rows, n_features), targets (n_rows,)
+    n_heavy: int = 0  # so many of them, the last, stand for many others
+    gradient: Array | None = None  # (n_outputs, n_features): of the smooth part, none if None
+    hessian: Array | None = None  # (n_outputs, n_features, n_outputs, n_features)
 
 
 class Summary(Protocol):
@@ -59,6 +68,10 @@ class Summary(Protocol):
 
     def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
         """Better coefficients in the box, those off the support zero, from given ones."""
+
+    @property
+    def regression(self) -> Regression:
+        """The same as rows, to be joined with those of other summaries."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array, hstack, vstack
 
-from swsysid._losses.base import NormLoss, TrustRegion
+from swsysid._losses.base import NormLoss, Regression, TrustRegion
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program, require_solution
 from swsysid._solvers.lad import least_absolute_deviations
@@ -60,20 +60,26 @@ class SignSummary:
     def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
         """Coefficients of least absolute deviations; an output without near rows keeps its own."""
         coef = coef.copy()
-        for output, near in enumerate(self.near):
+        rows, n_heavy, *_ = self.regression
+        for output, (design, target) in enumerate(rows):
             features = np.flatnonzero(support[output])
-            if len(near) < len(features) or not features.size:
+            if len(target) - n_heavy < len(features) or not features.size:
                 continue
-            rows = np.vstack([near, self.sums[:, output]])
             fit = least_absolute_deviations(
-                rows[:, features],
-                rows[:, -1:],
+                design[:, features],
+                target[:, None],
                 coef_bound=bound,
                 start=coef[output : output + 1, features],
-                n_heavy=2,
+                n_heavy=n_heavy,
             )
             coef[output, features] = fit.coef[0]
         return coef
+
+    @property
+    def regression(self) -> Regression:
+        """Rows that are near, and both sums."""
+        whole = (np.vstack([near, self.sums[:, k]]) for k, near in enumerate(self.near))
+        return Regression(tuple((rows[:, :-1], rows[:, -1]) for rows in whole), n_heavy=2)
 
 
 class L1Loss(NormLoss):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._losses.base import NormLoss, TrustRegion
+from swsysid._losses.base import NormLoss, Regression, TrustRegion
 from swsysid._results import Array
 from swsysid._solvers.euclidean import gram_blocks, least_euclidean_norms, solve_scaled
 from swsysid._solvers.row_space import RowSpace
@@ -78,6 +78,12 @@ class NormSummary:
         for width in (longest or 1.0) * settings.finer ** np.arange(settings.n_widths):
             moved = self._settle(moved, start, bound, support, float(width))
         return moved
+
+    @property
+    def regression(self) -> Regression:
+        """Rows that are kept, and the derivatives at the coefficients it was made of."""
+        rows = tuple((self.design, target) for target in self.targets.T)
+        return Regression(rows, 0, self.gradient, self.hessian)
 
     def _settle(self, coef, start, bound, support, width) -> Array:
         """Newton's method on norms rounded over a width, inside the box."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._losses.base import Loss, TrustRegion, boxed_least_squares
+from swsysid._losses.base import Loss, Regression, TrustRegion, boxed_least_squares
 from swsysid._results import Array
 from swsysid._solvers.row_space import RowSpace
 
@@ -39,7 +39,21 @@ class GramSummary:
 
     def fit(self, coef: Array, bound: float, support: NDArray[np.bool_]) -> Array:
         """Coefficients of least squares in the box, of least norm where there are many."""
-        n_features = coef.shape[1]
+        coef = np.zeros_like(coef)
+        for output, (free, (factor, right)) in enumerate(
+            zip(support, self.regression.rows, strict=True)
+        ):
+            features = np.flatnonzero(free)
+            found = np.linalg.lstsq(factor[:, features], right, rcond=None)[0]
+            if np.abs(found).max(initial=0.0) > bound:
+                found = boxed_least_squares(factor[:, features], right[:, None], bound)[0]
+            coef[output, features] = found
+        return coef
+
+    @property
+    def regression(self) -> Regression:
+        """As many rows as the features have rank."""
+        n_features = len(self.basis)
         gram, moments = self.gram[:n_features, :n_features], self.gram[:n_features, n_features:]
         size = np.sqrt(np.diagonal(gram))
         size[size == 0.0] = 1.0
@@ -49,15 +63,7 @@ class GramSummary:
         # |D c - y|^2 is |factor c - right|^2 and a constant, with as many rows as D has rank.
         factor = np.linalg.solve(self.basis.T, (root[:, None] * vectors.T * size).T).T
         right = (vectors.T @ (moments / size[:, None])) / root[:, None]
-        coef = np.zeros_like(coef)
-        for output, free in enumerate(support):
-            features = np.flatnonzero(free)
-            found = np.linalg.lstsq(factor[:, features], right[:, output], rcond=None)[0]
-            if np.abs(found).max(initial=0.0) > bound:
-                target = right[:, output : output + 1]
-                found = boxed_least_squares(factor[:, features], target, bound)[0]
-            coef[output, features] = found
-        return coef
+        return Regression(tuple((factor, one) for one in right.T))
 
 
 class SquaredLoss(Loss):

@@ -38,14 +38,17 @@ class Block(NamedTuple):
     weight: Array  # (n_rows,)
     rows: NDArray[np.intp]  # (n_rows,): samples that they are of
     places: NDArray[np.intp]  # (n_own,): of its coefficients among all
+    n_heavy: int = 0  # so many of its rows, the last, stand for many others
 
 
 def least_within(
-    loss: str, blocks: Sequence[Block], steps: Steps, start: Array | None = None
-) -> Array:
+    loss: str, blocks: Sequence[Block], steps: Steps, start: Array | None = None,
+    smooth: tuple[Array, Array] | None = None,
+) -> Array:  # fmt: skip
     """The coefficients of least loss, ``"l1"``, ``"l2"`` or ``"squared"``, of the steps.
 
-    A `start` saves time and does not change the least.
+    A `start` saves time and does not change the least. Beside ``"l2"`` a smooth part may stand, by
+    its gradient g and Hessian H at zero.
 
     Examples
     --------
@@ -64,25 +67,31 @@ def least_within(
     2.5
     """
     if loss == "l1":
-        return _absolute(blocks, steps, start)
-    coef = _squares(blocks, steps, [one.weight for one in blocks])
+        return steps.cut(lambda some: _absolute(blocks, some, start))
+    coef = _squares(blocks, steps, [one.weight for one in blocks], smooth)
     n_samples = max((int(one.rows.max(initial=-1)) for one in blocks), default=-1) + 1
-    for _ in range(_TURNS if loss == "l2" else 0):
+    for _ in range(_TURNS if loss == "l2" and n_samples else 0):
         squares = np.zeros(n_samples)
         for one in blocks:
             np.add.at(squares, one.rows, np.square(one.target - one.design @ coef[one.places]))
         norms = np.maximum(np.sqrt(squares), _LEAST_NORM * np.sqrt(squares.mean()))
         norms = np.maximum(norms, np.finfo(float).tiny)
         before = coef
-        coef = _squares(blocks, steps, [one.weight / norms[one.rows] for one in blocks])
+        weights = [one.weight / norms[one.rows] for one in blocks]
+        coef = _squares(blocks, steps, weights, smooth)
         if np.abs(coef - before).max(initial=0.0) <= _SETTLED * np.abs(coef).max(initial=0.0):
             break
     return coef
 
 
-def _squares(blocks: Sequence[Block], steps: Steps, weights: Sequence[Array]) -> Array:
+def _squares(
+    blocks: Sequence[Block], steps: Steps, weights: Sequence[Array],
+    smooth: tuple[Array, Array] | None,
+) -> Array:  # fmt: skip
     n = steps.equal.shape[1]
     matrix, right = np.zeros((n, n)), np.zeros(n)
+    if smooth is not None:
+        right, matrix = -smooth[0], smooth[1].copy()
     for one, weight in zip(blocks, weights, strict=True):
         weighted = one.design * weight[:, None]
         matrix[np.ix_(one.places, one.places)] += weighted.T @ one.design
@@ -152,12 +161,13 @@ class _Deviations:
         ends = np.cumsum([len(part.places) for part in parts])[:-1]
         own = list(zip(parts, np.split(level, ends), np.split(N, ends), strict=True))
         start = self.start
+        design = [part.design if alone else part.design @ basis for part, _, basis in own]
+        target = [part.target - part.design @ at for part, at, _ in own]
         fit = least_absolute_deviations(
-            np.vstack([part.design if alone else part.design @ basis for part, _, basis in own]),
-            np.concatenate(
-                [part.target - part.design @ at if at.any() else part.target for part, at, _ in own]
-            )[:, None],
-            sample_weight=np.concatenate([part.weight for part in parts]),
+            _light_first(design, parts),
+            _light_first(target, parts)[:, None],
+            sample_weight=_light_first([part.weight for part in parts], parts),
+            n_heavy=sum(part.n_heavy for part in parts),
             start=None if start is None else (start[places] - level)[None, :] @ N,
         )
         return np.asarray(level + N @ fit.coef[0], dtype=np.float64)
@@ -168,3 +178,10 @@ class _Deviations:
         fewer[bound] = False
         coef = self(fewer)
         return bool(most @ coef - room < -_MISSED * (np.abs(most) @ np.abs(coef) + abs(room)))
+
+
+def _light_first(each: Sequence[Array], parts: Sequence[Block]) -> Array:
+    """Rows of all parts, those that stand for many at the end."""
+    ends = [len(part.target) - part.n_heavy for part in parts]
+    light = [one[:end] for one, end in zip(each, ends, strict=True)]
+    return np.concatenate([*light, *(one[end:] for one, end in zip(each, ends, strict=True))])

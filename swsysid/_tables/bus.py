@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +41,9 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
             there, whole = path.stat().st_size, log.file_size
             if there < whole:
                 told.append(f"The log is cut: {there:,} of its {whole:,} bytes are there.")
+        elif path.suffix.lower() == ".asc":
+            text = path.read_text(encoding="utf-8", errors="replace")
+            log = can.ASCReader(io.StringIO(_from_the_start(text)))
         else:
             log = opened.enter_context(can.LogReader(str(path)))
         for frame in log:
@@ -45,7 +51,9 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
             if frame.is_error_frame or frame.is_remote_frame:
                 continue
             try:
-                message = database.get_message_by_frame_id(frame.arbitration_id)
+                message = database.get_message_by_frame_id(
+                    frame.arbitration_id, force_extended_id=frame.is_extended_id
+                )
                 values = message.decode_simple(bytes(frame.data), decode_choices=False)
             except (KeyError, cantools.database.DecodeError):
                 unknown += 1
@@ -68,3 +76,20 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
         }
         units = {f"{name}.{signal}": known[signal].unit or "" for signal in signals}
         yield on_clock(path, np.array(t), columns, units, [*told, *words])
+
+
+def _from_the_start(log: str) -> str:
+    """An .asc log with times from its start, also where it holds steps from line to line.
+
+    Of those python-can makes times, and lines that it skips have steps, too.
+    """
+    if not re.search(r"(?im)^base\s.*timestamps\s+relative", log[:1000]):
+        return log
+    now = Decimal(0)
+
+    def added(step: re.Match[str]) -> str:
+        nonlocal now
+        now += Decimal(step[0].strip())
+        return f"{now}"
+
+    return re.sub(r"(?m)^[ \t]*\d+\.\d+(?=\s)", added, log)

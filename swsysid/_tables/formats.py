@@ -24,7 +24,7 @@ from swsysid._tables.mdf import read_mdf
 from swsysid._tables.modelica import is_modelica, read_modelica
 from swsysid._tables.readers import check_place, is_table, read_table
 from swsysid._tables.ros import BAG_FOLDER, read_ros
-from swsysid._tables.table import Table, TableError
+from swsysid._tables.table import Table, TableError, unreadable
 from swsysid._tables.tdms import read_tdms
 from swsysid._tables.ulog import read_ulog
 
@@ -116,8 +116,7 @@ def read_tables(
     except TableError:
         raise
     except Exception as error:  # each package breaks in ways of its own on files of another kind
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise TableError(f"{path.name} cannot be read: {told}") from error
+        raise unreadable(path.name, error) from error
     if not tables:
         raise TableError(f"{path.name} holds no channel of numbers.")
     return tables

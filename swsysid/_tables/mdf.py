@@ -13,7 +13,11 @@ from swsysid._tables.table import NUMERIC, Table, on_clock
 
 
 def read_mdf(path: Path, described: Sequence[Path]) -> Iterator[Table]:
-    """Groups of channels, each with its own instants."""
+    """Groups of channels, each with its own instants.
+
+    A sample that the file calls invalid is missing. By itself asammdf leaves it out of its channel,
+    whose values then stand beside the instants of another one of the group.
+    """
     import asammdf
 
     with asammdf.MDF(path) as file:
@@ -23,9 +27,12 @@ def read_mdf(path: Path, described: Sequence[Path]) -> Iterator[Table]:
             for _, index in listed:
                 if index == file.masters_db.get(group):
                     continue
-                signal = file.get(group=group, index=index)
-                if signal.samples.ndim == 1 and signal.samples.dtype.kind in NUMERIC:
-                    columns[signal.name], units[signal.name] = signal.samples, signal.unit
+                signal = file.get(group=group, index=index, ignore_invalidation_bits=True)
+                values, invalid = signal.samples, signal.invalidation_bits
+                if values.ndim == 1 and values.dtype.kind in NUMERIC:
+                    if invalid is not None and np.any(invalid):
+                        values = np.where(invalid, np.nan, values)
+                    columns[signal.name], units[signal.name] = values, signal.unit
                     t = signal.timestamps
             if columns and len(t):
                 yield on_clock(path, t, columns, units)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from swsysid._tables.bounds import check_matlab, check_size, check_zip, read_bounded
 from swsysid._tables.cells import held_exactly
-from swsysid._tables.table import Table, TableError
+from swsysid._tables.table import Table, TableError, unreadable
 from swsysid._tables.text import decoded, table_of_text
 
 RUN = "run"  # column that numbers runs; elements of an array of structs from 1, as MATLAB does
@@ -46,8 +46,7 @@ def read_table(
     try:
         table = _READERS[kind](path, missing)
     except Exception as error:  # each reader breaks in ways of its own on files of another kind
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise TableError(f"{path.name} cannot be read: {told}") from error
+        raise unreadable(path.name, error) from error
     table = dataclasses.replace(table, units={**table.units, **(units or {})})
     for name in units or {}:
         table.resolve(name)

@@ -25,6 +25,14 @@ class TableError(ValueError):
     """A file cannot be read or a column cannot be used; one sentence says what to do instead."""
 
 
+def unreadable(name: str, error: Exception) -> TableError:
+    """What a reader breaks with on a damaged or a foreign file, as one sentence."""
+    told = " ".join(str(error).split()).rstrip(".")
+    if not any(map(str.isalpha, told)):  # a key that is missing, or nothing at all
+        told = f"{type(error).__name__} {told}".strip()
+    return TableError(f"{name} cannot be read: {told}.")
+
+
 @dataclass(frozen=True)
 class Table:
     """Columns of a file, which may differ in length."""

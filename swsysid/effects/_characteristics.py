@@ -264,6 +264,9 @@ class OfTwoChannels(Effect):
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return (label,)
 
+    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
+        return self.column_names(f"{parameters[self.terms[0]]:.4g} {label}")[0]
+
 
 class InputGain(OfTwoChannels):
     """``change * |u| * x``: the coefficient of a channel changes with the size of an input."""
@@ -283,6 +286,3 @@ class InputGain(OfTwoChannels):
     def label(self, place: Place, names: Sequence[str]) -> str:
         """Such as ``|u| x``."""
         return f"|{names[place[1]]}| {names[place[0]]}"
-
-    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
-        return f"{parameters['change']:.4g} {label}"

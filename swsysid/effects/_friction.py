@@ -6,7 +6,7 @@ load is a function of two channels.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -192,9 +192,6 @@ class LoadFriction(OfTwoChannels, OfAVelocity):
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return (f"-{label}",)
 
-    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
-        return f"-{parameters['friction']:.4g} {label}"
-
 
 class Hysteresis(InputGain):
     """``-forgetting * |u| * x`` in the law of x: what u has moved it by is forgotten over a way.
@@ -229,6 +226,3 @@ class Hysteresis(InputGain):
 
     def column_names(self, label: str, *theta: float) -> tuple[str, ...]:
         return (f"-{label}",)
-
-    def formula(self, label: str, parameters: Mapping[str, float]) -> str:
-        return f"-{parameters['forgetting']:.4g} {label}"

@@ -76,12 +76,27 @@ class PlacedEffect:
         missing = self.effect.missing(records)
         if missing:
             raise ValueError(f"The effect {kind!r} {missing}.")
+        if self.replaced is not None and len(self.channels) != 1:
+            raise ValueError(
+                f"the effect {kind!r} takes the place of a feature, which needs one channel, and "
+                f"has place={self.place!r}; leave replaced=None."
+            )
         names = self.effect.theta_names(records, self.place)
         stated = isinstance(self.theta, Sequence) and len(self.theta) == len(names)
         if not stated or not all(isinstance(one, Real) and isfinite(one) for one in self.theta):
             raise ValueError(
                 f"the effect {kind!r} has theta={self.theta!r}; give "
                 + (f"a number each for {', '.join(names)}." if names else "none, ().")
+            )
+
+    def check_number(self, name: str, count: int) -> None:
+        """Raise a ValueError where its mode or the feature in its place is none of so many."""
+        number = {"mode": self.mode, "replaced": self.replaced}[name]
+        whole = isinstance(number, (int, np.integer))
+        if number is not None and not (whole and 0 <= number < count):
+            raise ValueError(
+                f"the effect {self.effect.kind!r} has {name}={number!r}; give a number from 0 to "
+                f"{count - 1}, or None."
             )
 
     # -- its columns -----------------------------------------------------------------------------

@@ -246,15 +246,6 @@ def finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
     return _sized(records, shape, larger)
 
 
-def next_finer(shape: UnknownFunction, records: Records) -> list[UnknownFunction]:
-    """The function of the same argument with the two next larger numbers of knots.
-
-    None of two arguments: each of so many columns makes everything that is fitted beside it slow.
-    """
-    counts = () if shape.n_arguments > 1 else (*_KNOTS, *_MORE_KNOTS)
-    return _sized(records, shape, [count for count in counts if count > len(shape.knots)][:2])
-
-
 def _sized(
     records: Records, shape: UnknownFunction, counts: Sequence[int]
 ) -> list[UnknownFunction]:

@@ -45,6 +45,11 @@ class Followers:
             return cls(
                 coef, free, np.zeros_like(free), np.zeros((0, len(nothing))), (-nothing, nothing)
             )
+        if region.cones:
+            raise ValueError(
+                "known has an energy that never rises, and refine holds equalities and bounds of "
+                "single coefficients; leave it out, or say x' = v beside it."
+            )
         told, values = region.fixed
         chosen = region.closed(free) & ~told
         start = np.where(told, values, coef)

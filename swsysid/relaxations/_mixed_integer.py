@@ -6,18 +6,21 @@ for the gap of the alternation on some tens of samples.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, kron, vstack
 
-from swsysid._checks.arrays import refuse_vanishing, table
+from swsysid._checks.arrays import names_of, refuse_vanishing, table
 from swsysid._checks.parameters import MOST_MODES, real, whole
 from swsysid._data.features import FeatureMap
+from swsysid._known.known import known_laws
+from swsysid._known.region import Region
 from swsysid._results import Array, Status
 from swsysid._solvers.conic import mixed_integer_program, require_solution
 
+_NO_SURFACE = "the program has none"
 # Gap, relative to the sizes of residuals and targets, that the tolerances of HiGHS may leave.
 _PROVED = 1e-6
 
@@ -55,15 +58,17 @@ def solve_mip(
     feature_library=None,
     coef_bound: float = 10.0,
     time_limit: float = 60.0,
+    known=None,
 ) -> MipResult:
     r"""Identify dynamics and modes to global optimality (paper, Problem 1 with the l1 cost).
 
     .. math:: \min_{C, b, \delta} \sum_{i,k} \delta_{ik} \quad\text{s.t.}\quad
         \pm (\dot x_{ik} - c_{jk}^T \Phi(x_i)) \le \delta_{ik} + B_{ik} (1 - b_{ij}), \\
-        \sum_j b_{ij} = 1, \; |C| \le \eta, \; b \in \{0, 1\}
+        \sum_j b_{ij} = 1, \; |C| \le \eta, \; \ell \le A c \le u, \; b \in \{0, 1\}
 
     :math:`B_{ik} = |\dot x_{ik}| + \eta \|\Phi(x_i)\|_1` is the largest residual that the
-    coefficient bound :math:`\eta` allows. Modes are numbered in the order of their first sample.
+    coefficient bound :math:`\eta` allows; :math:`\ell \le A c \le u` is what is `known` of all
+    coefficients c. Modes are numbered in the order of their first sample.
 
     Parameters
     ----------
@@ -78,6 +83,9 @@ def solve_mip(
         Bound on every coefficient. The smaller, the faster.
     time_limit : float, default=60.0
         In seconds. When it is reached, the best solution and the proved bound come back.
+    known : Known or list of str, default=None
+        What is known of the laws before, by the names of the columns of `X` (x0, x1, ... where
+        they have none).
 
     Returns
     -------
@@ -86,7 +94,8 @@ def solve_mip(
     Raises
     ------
     ValueError
-        If the data contain NaN or have the wrong shape, or a parameter is out of its range.
+        If the data contain NaN or have the wrong shape, a parameter is out of its range, or what
+        is known names what is not there or contradicts itself.
 
     Examples
     --------
@@ -101,6 +110,7 @@ def solve_mip(
     >>> result.status.ok, round(result.gap, 9)
     (True, 0.0)
     """
+    laws, given = known_laws(known, _NO_SURFACE), X
     X = table("X", X)
     y = table("y", y, n_rows=len(X))
     for name, values in (("X", X), ("y", y)):
@@ -109,16 +119,27 @@ def solve_mip(
     real("coef_bound", coef_bound, above=0)
     if not (isinstance(time_limit, float) and time_limit == np.inf):
         real("time_limit", time_limit, above=0)
-    names = [f"x{i}" for i in range(X.shape[1])]
-    features = FeatureMap(feature_library, X, names)(X)
+    feature_map = FeatureMap(feature_library, X, names_of(given, X.shape[1], "x"))
+    features, equations = feature_map(X), feature_map.names_in[: y.shape[1]]
     # The solver's tolerances are absolute: targets and features enter in units of their size.
     unit = float(np.abs(y).max()) or 1.0
     feature_units = np.abs(features).max(axis=0)
     feature_units[feature_units == 0] = 1.0
+    region = None
+    if laws is not None:
+        region = laws.region(equations, list(map(str, feature_map.names_out)), n_modes)
+        if region.cones:
+            raise ValueError("known has an energy that never rises, which is no linear program.")
     program = _Program.build(
         features / feature_units, y / unit, n_modes, coef_bound * feature_units / unit
     )
+    if region is not None:
+        program = program.within(region, unit / feature_units)
     coef, modes, bound, status = program.solve(time_limit)
+    if region is not None and status is not Status.FAILED and not np.isfinite(coef).all():
+        raise ValueError(
+            f"known allows no coefficients up to coef_bound={coef_bound}; give a larger one."
+        )
     if status is not Status.TIME_LIMIT:  # then the best point so far, if any, is the answer
         require_solution(status, "mixed-integer program")
     coef = np.clip(coef * unit / feature_units, -coef_bound, coef_bound)
@@ -144,6 +165,16 @@ class _Program:
     low: Array
     high: Array
     bounds: Array
+    knows: bool = False  # rows of what is known stand after those of the program
+
+    def within(self, region: Region, unit: Array) -> _Program:
+        """The same with what is known of coefficients in the user's units, `unit` times these."""
+        rows = csr_array((region.matrix * unit).reshape(len(region.matrix), -1))
+        rows = hstack([rows, csr_array((rows.shape[0], len(self.bounds) - rows.shape[1]))])
+        return replace(
+            self, matrix=csr_array(vstack([self.matrix, rows])), knows=True,
+            low=np.append(self.low, region.lower), high=np.append(self.high, region.upper),
+        )  # fmt: skip
 
     @classmethod
     def build(cls, features, targets, n_modes, coef_bounds) -> _Program:
@@ -187,11 +218,9 @@ class _Program:
         integrality = np.zeros(len(self.bounds))
         integrality[-n_binaries:] = 1
         found = self._call(integrality, self.bounds, time_limit)
-        if not np.isfinite(found.objective):
-            # Nothing found in time: all coefficients zero is feasible, whatever the labels.
-            coef = np.zeros((n_modes, n_states, n_features))
-            return coef, np.zeros(n_samples, dtype=np.intp), found.bound, found.status
-        modes = found.x[-n_binaries:].reshape(n_modes, n_samples).argmax(axis=0)
+        modes = np.zeros(n_samples, dtype=np.intp)  # what is feasible is so whatever the labels
+        if np.isfinite(found.objective):
+            modes = found.x[-n_binaries:].reshape(n_modes, n_samples).argmax(axis=0)
         # A binary of 1 - 1e-6 hides a residual behind its large B. With the labels fixed the
         # linear program that is left has none of that.
         fixed = self.bounds.copy()
@@ -199,8 +228,11 @@ class _Program:
         fixed[-n_binaries:] = labels[:, None]
         refined = self._call(np.zeros_like(integrality), fixed, np.inf)
         point = refined.x if np.isfinite(refined.objective) else found.x
+        if not np.isfinite(point).all():
+            return np.full(self.shape[:3], np.nan), modes, found.bound, found.status
         coef = point[: n_modes * n_states * n_features].reshape(n_modes, n_states, n_features)
-        coef[np.bincount(modes, minlength=n_modes) == 0] = 0.0
+        if not self.knows:
+            coef[np.bincount(modes, minlength=n_modes) == 0] = 0.0
         return coef, modes, found.bound, found.status
 
     def _call(self, integrality, bounds, time_limit):

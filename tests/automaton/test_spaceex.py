@@ -12,6 +12,7 @@ from test_stating import AUTOMATON
 
 from swsysid import HybridAutomaton
 from swsysid._automaton.polynomial_text import read_inequality
+from swsysid._automaton.spaceex_reading import _covered
 from swsysid.results import FirstModes
 
 
@@ -501,3 +502,17 @@ def test_settings_begin_where_the_first_recording_does_and_say_what_is_not_known
     text = (tmp_path / "a.cfg").read_text()
     assert 'initially = "loc()==mode1 & T==0.25 & dwell==0.0"' in text
     assert "#" not in text
+
+
+ONE, X = (0,), (1,)  # powers of x
+
+
+@pytest.mark.parametrize(("guards", "zero", "known", "covered"), [
+    ([], [], [], False), ([], [], [{ONE: -1.0}], True), ([], [{ONE: 2.0}], [], True),
+    ([], [{X: 1.0}], [], False), ([[{X: 1.0}]], [{X: 1.0}], [], True),
+    ([[{X: 1.0}], [{X: -1.0}]], [], [{X: 1.0, ONE: 1.0}], True),
+    ([[{X: 1.0}]], [], [{X: 1.0, ONE: 1.0}], False),
+], ids=["nothing known", "-1 >= 0 is nowhere", "2 = 0 is nowhere", "x = 0 is somewhere",
+        "x >= 0 where x = 0", "x >= 0 or -x >= 0", "x >= 0 alone"])  # fmt: skip
+def test_guards_that_cover_what_is_there(guards, zero, known, covered):
+    assert _covered(guards, zero, known) is covered

@@ -154,16 +154,21 @@ def test_what_follows_its_recordings_warns_of_nothing(noise):
         ({"hangs_on_start": True}, False),
         ({"left_of_each": np.array([[2.9]])}, False),
         ({"left_of_each": np.array([[1.1]]), "breaks": (SimpleNamespace(leaves=4.7),)}, True),
+        # less noise than a rollout may be off by: what surely leaves is far from it
+        ({"left_of_each": np.array([[1.6]]), "in_noise": False}, True),
         ({"breaks": ()}, False),  # a few outliers leave as much
     ],
 )
 def test_only_what_is_a_proof_against_the_automaton_is_warned_of(doubt, says):
-    usual = {"left_of_each": np.array([[3.1]]), "hangs_on_start": False}
+    usual = {"left_of_each": np.array([[3.1]]), "hangs_on_start": False, "in_noise": True}
     usual["breaks"] = (SimpleNamespace(leaves=2.8),)
     rollouts = SimpleNamespace(**(usual | {"strays": "1 of 2 recordings"} | doubt))
-    found = SimpleNamespace(rollouts=rollouts, noises=None)
+    found = SimpleNamespace(rollouts=rollouts, noises=None, shared_exits=())
     assert bool(strays(found)) == says
-    assert strays(SimpleNamespace(rollouts=rollouts, noises=SimpleNamespace(drives=True))) == ""
+    found.noises = SimpleNamespace(drives=True, goes_on=False)
+    assert strays(found) == ""
+    found.noises = SimpleNamespace(drives=True, goes_on=True)  # a law is missing, and no noise
+    assert bool(strays(found)) == says
 
 
 def test_guards_that_explain_no_more_than_their_coefficients_are_none():

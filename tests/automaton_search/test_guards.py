@@ -43,6 +43,17 @@ def test_a_plane_is_found_with_the_columns_that_it_needs(normal, used):
     assert found.miss < 1e-9
 
 
+def test_a_guard_has_the_least_degree_that_explains_its_switches():
+    """A plane where a quadric is allowed; and a circle, which no plane explains."""
+    plane = best_guard(planted([0.0, -1.0, 0.5], 0.7), degree=2)
+    assert plane.guard.powers.sum(axis=1).max() == 1 and plane.miss < 1e-9
+    angle = RNG.uniform(0.0, 2.0 * np.pi, 30)
+    at = np.column_stack([np.cos(angle), np.sin(angle)])
+    below = RNG.uniform(-0.6, 0.6, (400, 2))
+    circle = best_guard(crossed(at, at, below), degree=2)  # it moves outwards
+    assert circle.guard.powers.sum(axis=1).max() == 2 and circle.miss < 1e-9
+
+
 def test_guards_without_a_clock_are_known_when_it_begins_elsewhere():
     data, solved = planted([2.0, 0.0, 0.0], 0.7), {}
     first = best_guard(data, 1, solved=solved)

@@ -56,5 +56,73 @@ def test_what_is_wrong_is_found_in_the_mode_of_its_number_and_blamed():
 def test_it_is_refused_before_anything_is_fitted():
     with pytest.raises(ValueError, match="the terms are 1, T"):
         identified("T' has no u")
-    with pytest.raises(ValueError, match="known is held in continuous time"):
-        identified("T' has no 1", discrete_time=True)
+    for known, message, options in (
+        ("T' has no T", r"the terms are 1, T\[k\]", {}),
+        ("energy T^2 never rises", "known of velocities", {}),
+        ("T' has no 1", "needs the number of lags", {"lags": "auto"}),
+    ):
+        with pytest.raises(ValueError, match=message):
+            identified(known, discrete_time=True, **options)
+
+
+def sampled(known, noise=0.02):
+    """A heater and its wall, three recordings of maps; seconds make no difference."""
+    rng, given = np.random.default_rng(0), []
+    for _ in range(3):
+        x, heats, rows = np.array([rng.uniform(17, 21), rng.uniform(15, 18)]), True, []
+        for _ in range(120):
+            rows.append(x)
+            heats = x[0] < 22.0 if heats else x[0] < 18.0
+            x = MAP @ x + [1.0 if heats else 0.1, -0.1]
+        noisy = np.array(rows) + noise * rng.standard_normal((120, 2))
+        given.append(pd.DataFrame(noisy, columns=["T", "W"]))
+    regressor = HybridAutomatonRegressor(2, discrete_time=True, random_state=0, known=known)
+    return regressor.fit(given, [np.arange(120)] * 3)
+
+
+MAP = np.array([[0.9, 0.08], [0.05, 0.95]])
+TRUTH = np.array([[[1.0, 0.9, 0.08], [-0.1, 0.05, 0.95]], [[0.1, 0.9, 0.08], [-0.1, 0.05, 0.95]]])
+TIES = ["W' same in all modes", "T'[T[k]] same in all modes", "T'[W[k]] = 0.08"]
+
+
+def test_maps_are_held_to_it_and_closer_to_the_truth():
+    free, found = sampled(None), sampled(TIES)
+    coef = found.coef_
+    np.testing.assert_allclose(coef[0, 1], coef[1, 1], atol=1e-9)
+    assert coef[0, 0, 1] == pytest.approx(coef[1, 0, 1], abs=1e-9)
+    np.testing.assert_allclose(coef[:, 0, 2], 0.08, atol=1e-12)
+    off = [np.abs(one.coef_ - TRUTH) for one in (found, free)]
+    assert (off[0] <= 4.0 * found.coef_errors_ + 1e-9).all()  # four standard errors
+    assert (found.coef_errors_ <= 1.01 * free.coef_errors_).all()
+    np.testing.assert_allclose(found.coef_errors_[:, 0, 2], 0.0, atol=1e-12)
+    assert off[0].max() < off[1].max() / 2.0  # 2.1e-2 without
+
+
+def test_maps_are_asked_and_say_what_an_identification_without_would():
+    assert not any(check.questioned for check in sampled(TIES).known_)
+    found, free = sampled([*TIES[:1], "T'[W[k]] = 0.09"]), sampled(TIES[:1])
+    tied, wrong = found.known_
+    assert not tied.questioned and wrong.questioned and wrong.p_value < 1e-20
+    mode = int(wrong.name.removeprefix("T'[W[k]] in mode "))
+    value, error = free.coef_[mode, 0, 2], free.coef_errors_[mode, 0, 2]
+    assert abs(wrong.value - value) < 0.5 * error  # a step of Gauss and Newton from elsewhere
+    assert wrong.error == pytest.approx(error, rel=0.3)
+    assert "leave out or correct" in found.report_.advice
+
+
+def test_a_bound_of_maps_holds_and_what_was_found_changes_nothing():
+    free = sampled(None)
+    value = float(free.coef_[0, 0, 1])
+    same = sampled([f"T'[T[k]] <= {value + 1.0}", "W'[T[k]] >= -1"])
+    np.testing.assert_allclose(same.coef_, free.coef_, atol=1e-6)  # to which a descent goes
+    bounded = sampled("T'[1] >= 0.2")
+    assert bounded.coef_[:, 0, 0].min() == pytest.approx(0.2, abs=1e-9)
+
+
+def test_maps_without_noise():
+    found = sampled(["W' same in all modes", "T'[1] >= 0.2"], noise=0.0)
+    assert found.coef_[:, 0, 0].min() == pytest.approx(0.2, abs=1e-9)
+    np.testing.assert_allclose(found.coef_[:, 1], TRUTH[:, 1], atol=1e-6)
+    same, bound = found.known_
+    assert not same.questioned and bound.questioned
+    assert bound.value == pytest.approx(0.1, abs=1e-6)

@@ -134,6 +134,10 @@ PLACED = {
     "a name": (PlacedEffect(CoulombFriction(), "v", 1), "channel 'v' is asked for"),
     "two channels": (PlacedEffect(CoulombFriction(), (0, 1), 1), "channel (0, 1) is asked for"),
     "no state": (PlacedEffect(CoulombFriction(), 1, None), "acts in state None"),
+    "no feature": (PlacedEffect(Bias(), 1, 1, replaced=40), "replaced=40; give a number from 0 to"),
+    "no feature's channel": (PlacedEffect(Bias(), (), 1, replaced=0), "needs one channel"),
+    "no mode": (PlacedEffect(Bias(), (), 1, mode=4), "mode=4; give a number from 0 to 0, or None"),
+    "a mode by name": (PlacedEffect(Bias(), (), 1, mode=["a"]), "mode=['a']; give a number"),
     "no effect": (PlacedEffect("lag", 1, 1), "must be a list of swsysid.effects.PlacedEffect"),
 }
 

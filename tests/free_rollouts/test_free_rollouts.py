@@ -258,3 +258,12 @@ def test_noise_that_differs_by_recording_is_seen_beside_a_law_that_lacks_a_term(
     seen = SampleNoise.seen(NOISE, bent, values, "abc")
     assert seen.sentences("xv")[0].startswith("The noise of x differs by recording: 0.0")
     assert seen.at(values[2], "c")[0, 0] == pytest.approx(0.05, rel=0.15)
+
+
+@pytest.mark.parametrize(("times", "left"), [
+    ([0.0, 1.0, 2.0, 3.0], [1.5]), ([0.0, 1.0], []), ([2.0], []), ([], []),
+], ids=["between", "beyond", "one sample", "nothing measured"])  # fmt: skip
+def test_lone_switches_count_where_something_was_measured_on_both_sides(times, left):
+    alone = tuple(Switch(time, 0, 1) for time in (0.5, 1.5, 2.5))
+    found = Pairs((), alone, alone).inside(np.array(times), 1.0)
+    assert [one.time for one in found.missing] == [one.time for one in found.extra] == left

@@ -15,6 +15,14 @@ def test_two_bins_by_hand():
     assert found.error == pytest.approx(0.5 * 0.1 + 0.5 * 0.1, abs=1e-15)
 
 
+@pytest.mark.parametrize(("modes", "error"), [([0, 0, 1, 1], 0.0), ([0, 1, 0, 1], 0.5)])
+def test_a_claim_may_be_certain(modes, error):
+    """Sure of each row: right everywhere, and right in two of four."""
+    found = mode_reliability(modes, np.eye(2)[[0, 0, 1, 1]], n_bins=2)
+    assert found.count.tolist() == [0, 4] and found.claimed[1] == 1.0
+    assert found.error == pytest.approx(error, abs=1e-15)
+
+
 def test_honest_probabilities_have_a_small_error_and_boastful_ones_not():
     rng = np.random.default_rng(0)
     honest = rng.dirichlet([1, 1, 1], 20_000)

@@ -3,7 +3,9 @@
 from dataclasses import replace
 from itertools import product
 
+import cvxpy as cp
 import numpy as np
+import pandas as pd
 import pytest
 
 from swsysid._results import SolverError, Status
@@ -87,6 +89,18 @@ def test_by_hand():
     assert result.objective == pytest.approx(0.5, abs=1e-9)
 
 
+@pytest.mark.parametrize(("y", "total"), [([1.0, 1.5, 3.0], 2.0), ([0.0, 0.0, 4.0], 4.0)])
+def test_what_the_solver_proves_is_the_sum_itself(y, total, monkeypatch):
+    """One mode at x = 1 is a median; the bound is in units of the largest target."""
+    proved, solver = [], _mip.mixed_integer_program
+    monkeypatch.setattr(
+        _mip, "mixed_integer_program", lambda *a, **k: proved.append(solver(*a, **k)) or proved[-1]
+    )
+    result = solve_mip(np.ones((3, 1)), np.array(y)[:, None], 1)
+    assert result.objective == pytest.approx(total, rel=1e-9)
+    assert proved[0].bound * max(y) == pytest.approx(total, rel=1e-6)
+
+
 @pytest.mark.parametrize("n_modes", [2, 3])
 def test_planted_modes_come_back_in_canonical_order(n_modes):
     X, y, coef, modes = draw(18, n_modes, 2, 0.0, seed=1)
@@ -118,6 +132,50 @@ def _alternated(X, y, labels, bound):
         fits = [np.linalg.lstsq(X[labels == j], y[labels == j])[0] for j in sorted(set(labels))]
         labels = np.array([np.abs(y - X @ fit).sum(axis=1) for fit in fits]).argmin(axis=0)
     return value
+
+
+KNOWN = ["x' has no w", "w'[x] same in all modes", "w'[w] + w'[x] <= 0.1"]
+
+
+def constrained(features, targets, modes):
+    """Coefficients and least sum of absolute residuals within `KNOWN`, by Clarabel."""
+    coef = [cp.Variable((2, 2)) for _ in range(2)]
+    left = [cp.abs(targets[i] - coef[mode] @ features[i]) for i, mode in enumerate(modes)]
+    rules = [coef[0][1, 0] == coef[1][1, 0]]
+    for one in coef:
+        rules += [one[0, 1] == 0, one[1, 0] + one[1, 1] <= 0.1, cp.abs(one) <= 5.0]
+    value = cp.Problem(cp.Minimize(cp.sum(cp.hstack(left))), rules).solve(solver="CLARABEL")
+    return np.array([one.value for one in coef]), value
+
+
+def test_what_is_known_holds_and_the_optimum_is_that_of_enumeration():
+    X, y, _, _ = draw(6, 2, 2, 0.5, seed=3)
+    named = pd.DataFrame(X, columns=["x", "w"])
+    free = solve_mip(named, y, coef_bound=5.0)
+    result = solve_mip(named, y, coef_bound=5.0, known=KNOWN)
+    assert result.status is Status.OPTIMAL
+    coef = result.coef
+    np.testing.assert_allclose(coef[:, 0, 1], 0.0, atol=1e-12)
+    assert coef[0, 1, 0] == pytest.approx(coef[1, 1, 0], abs=1e-9)
+    assert (coef[:, 1].sum(axis=1) <= 0.1 + 1e-9).all()
+    labels = [(0, *rest) for rest in product(range(2), repeat=5)]
+    least = min(constrained(X, y, one)[1] for one in labels)
+    # Clarabel is 1e-8 off; and the optimum at the labels found is the one found
+    assert result.objective == pytest.approx(least, abs=1e-6)
+    assert result.objective == pytest.approx(constrained(X, y, result.modes)[1], abs=1e-6)
+    assert result.objective > free.objective + 0.01  # it costs something
+    with pytest.raises(ValueError, match=r"known allows no coefficients up to coef_bound=5.0"):
+        solve_mip(named, y, coef_bound=5.0, known="x'[x] = 6")
+    with pytest.raises(ValueError, match="known names the term v"):
+        solve_mip(named, y, known="x'[v] = 1")
+
+
+def test_what_is_known_holds_when_the_time_is_up():
+    X, y, _, _ = draw(60, 3, 2, 0.5, seed=6)
+    result = solve_mip(X, y, 3, time_limit=0.01, known=["x0'[x0] = 1.5", "x1' same in all modes"])
+    assert result.status is Status.TIME_LIMIT
+    np.testing.assert_allclose(result.coef[:, 0, 0], 1.5)
+    np.testing.assert_allclose(result.coef[:, 1], result.coef[:1, 1].repeat(3, axis=0), atol=1e-9)
 
 
 def test_equivariance_to_units_and_rows():

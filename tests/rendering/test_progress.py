@@ -6,7 +6,12 @@ from time import sleep
 import numpy as np
 import pytest
 
-from swsysid import EffectSearchCV, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid import (
+    EffectSearchCV,
+    HybridAutomatonRegressor,
+    SwitchingSystemRegressor,
+    TrajectoryIdentifier,
+)
 from swsysid._rendering import progress as module
 from swsysid._rendering.progress import progress, stage, watched
 from swsysid.effects import CoulombFriction
@@ -131,3 +136,28 @@ def test_a_search_that_rolls_recordings_out_has_a_bar_as_well(capsys):
     search = EffectSearchCV(plain, effects=[CoulombFriction()], random_state=0, verbose=1)
     search.fit(x[:, None], t=t, inputs=u[:, None])
     assert "rounds of the search: 100%" in capsys.readouterr().err
+
+
+@pytest.mark.filterwarnings("ignore::swsysid.IdentificationWarning")
+@pytest.mark.parametrize(("name", "shown"), [
+    ("rows", "starts: 100%"), ("automaton", "rounds: 100%"), ("search", "rounds of the search"),
+])  # fmt: skip
+def test_all_that_take_long_print_whole_lines_where_there_is_no_terminal(
+    name, shown, capsys, monkeypatch
+):
+    _is("file", monkeypatch)
+    t = np.arange(0.0, 6.0, 0.1)
+    x = np.column_stack([np.sin(t), np.cos(t)]) + 0.01 * np.random.default_rng(0).normal(
+        size=(60, 2)
+    )
+    plain = SwitchingSystemRegressor(2, n_init=2, random_state=0)
+    if name == "rows":
+        plain.set_params(verbose=1).fit(x, np.where(x[:, :1] > 0.0, -x, x))
+    elif name == "automaton":
+        HybridAutomatonRegressor(1, random_state=0, verbose=1).fit(x, t)
+    else:
+        y = np.where(x[:, :1] > 0.0, -x, x) + 0.5 * np.sign(x[:, 1:])
+        effects = [CoulombFriction()]
+        EffectSearchCV(plain, effects=effects, cv=3, random_state=0, verbose=1).fit(x, y)
+    told = capsys.readouterr().err
+    assert shown in told and "\r" not in told and told.endswith("\n")

@@ -13,7 +13,7 @@ from swsysid._data.recordings import Record
 from swsysid._stays.count import order_of_switches
 from swsysid._stays.decoding import decode
 from swsysid._stays.descent import Reached
-from swsysid._stays.filtering import FlowFilter
+from swsysid._stays.filtering import Belief, FlowFilter, corrected
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Nodes
@@ -176,3 +176,32 @@ def test_twelve_noisy_recordings_give_nearly_what_they_allow(name):
     oracle = figures(plant, METHODS["oracle"](plant, campaign, 0))
     assert ours["field"] <= 1.3 * oracle["field"]
     assert ours["balanced"] >= oracle["balanced"] - 0.01
+
+
+@pytest.mark.parametrize("gain", [1.0, -3.0])
+def test_a_filter_takes_inputs_for_lines_between_the_rows(gain):
+    """x' = g u with u = 0, 1, 4 at 0, 1, 3: its means and integrals over intervals and halves."""
+    t, u = np.array([0.0, 1.0, 3.0]), np.array([[0.0], [1.0], [4.0]])
+    coef = np.array([[[0.0, gain]]])
+    laws = Laws(coef, lambda X: X, np.ones(1), np.ones(coef.shape, dtype=bool))
+    recordings = Recordings.of([Record(t, np.zeros((3, 1)), u)])
+    found = FlowFilter.of(laws, recordings, np.ones(1), np.ones(1))
+    np.testing.assert_allclose(found.rates.offset.ravel(), [0.5 * gain, 2.5 * gain], atol=1e-12)
+    moved = [half.offset.ravel() for half in found.halves]
+    np.testing.assert_allclose(moved[0], [0.125 * gain, 1.75 * gain], atol=1e-12)
+    np.testing.assert_allclose(moved[1], [0.375 * gain, 3.25 * gain], atol=1e-12)
+
+
+def test_a_lost_sample_tells_nothing_of_the_mode():
+    """Of two modes alike but for their spread, which filters of modes take for evidence."""
+    spread = np.array([0.01, 0.25])
+    ahead = Belief(np.zeros((1, 1, 1, 2)), spread.reshape(1, 1, 1, 1, 2))
+    after, likelihood = corrected(ahead, np.array([[np.nan]]), np.array([0.1]))
+    np.testing.assert_array_equal(likelihood, 0.0)
+    np.testing.assert_array_equal(after.covariance, ahead.covariance)
+    # and beside a recording that has its sample
+    both = Belief(np.zeros((1, 2, 1, 2)), np.tile(ahead.covariance, (1, 1, 2, 1, 1)))
+    after, likelihood = corrected(both, np.array([[np.nan], [0.0]]), np.array([0.1]))
+    np.testing.assert_array_equal(likelihood[0], 0.0)
+    np.testing.assert_array_equal(after.covariance[:, :, 0], ahead.covariance[:, :, 0])
+    assert likelihood[1, 0, 0] > likelihood[1, 0, 1]

@@ -1,5 +1,7 @@
 """The margin LP on a working set: exact, whatever the data look like."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sklearn.preprocessing import PolynomialFeatures
@@ -9,6 +11,7 @@ from swsysid._solvers.conic import linear_program, worst_status
 from swsysid._surfaces.hinge import MarginProgram, approach, best_multiple
 from swsysid._surfaces.margin_program import fit_programs, fit_surface
 from swsysid._surfaces.mode_books import fit_mode_book
+from swsysid._surfaces.surface import decisions_of
 
 MARGIN, BETA, BOUND = 1e-2, 1e-5, 10.0
 
@@ -281,3 +284,13 @@ def test_a_book_is_the_sum_of_its_surfaces_and_the_best_book_wins():
 def test_worst_status():
     assert worst_status([]) is Status.OPTIMAL
     assert worst_status([Status.OPTIMAL, Status.INACCURATE]) is Status.INACCURATE
+
+
+@pytest.mark.parametrize(("given", "decided"), [
+    (np.array([3.0, -1.0]), [[-3.0, 3.0], [1.0, -1.0]]),
+    (np.array([[1, 2, 0], [0, 0, 5]]), [[1.0, 2.0, 0.0], [0.0, 0.0, 5.0]]),
+], ids=["of two classes in one column", "of three in three"])  # fmt: skip
+def test_decisions_of_a_classifier_are_a_column_for_each_class(given, decided):
+    surface = SimpleNamespace(decision_function=lambda X: given)
+    np.testing.assert_array_equal(decisions_of(surface, None), decided)
+    assert decisions_of(SimpleNamespace(), None) is None

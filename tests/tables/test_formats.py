@@ -1,7 +1,6 @@
 """Files of simulators, drones, robots, relays and buses: written by the formats' own packages where
 they write, and read back as what was planted."""
 
-import struct
 import sys
 from pathlib import Path
 
@@ -9,150 +8,26 @@ import buildingspy
 import numpy as np
 import pytest
 from buildingspy.io.outputfile import Reader
-from scipy.io import savemat
+from logged_files import (
+    DBC,
+    T,
+    V,
+    X,
+    write_bus,
+    write_comtrade,
+    write_modelica,
+    write_ros,
+    write_ros_1,
+    write_ulog,
+    write_unit,
+)
 
 from swsysid import HybridAutomaton, read_recordings
-
-T = np.arange(0.0, 1.0, 0.125)  # exact in every clock of integers
-X, V = T**2, 2.0 * T
-
-
-def _characters(words, layout="binNormal"):
-    width = max(map(len, words))
-    rows = [word.ljust(width) for word in words]
-    turned = ["".join(row) for row in zip(*rows, strict=True)]
-    return np.array(turned if layout == "binTrans" else rows)
-
-
-def _modelica(path, layout="binTrans"):
-    """x at two rows of one time, its alias, one of the other sign, and a parameter."""
-    t, x = np.append(T, T[-1]), np.append(X, 7.0)
-    names = ["time", "body.x", "alias", "minus", "m"]
-    parts = {
-        "name": _characters(names, layout),
-        "description": _characters(["Time in [s]", "place [m|mm]", "", "", "mass [kg]"], layout),
-        "dataInfo": np.array([[0, 1, 0, -1], [2, 2, 0, -1], [2, 2, 0, -1], [2, -2, 0, -1],
-                              [1, 2, 0, 0]], dtype=np.int32),
-        "data_1": np.array([[t[0], 3.0], [t[-1], 3.0]]),
-        "data_2": np.column_stack([t, x]),
-    }  # fmt: skip
-    if layout == "binTrans":
-        parts = {n: one.T if one.ndim == 2 else one for n, one in parts.items()}
-    savemat(path, {"Aclass": _characters(["Atrajectory", "1.1", "", layout]), **parts}, format="4")
-
-
-def _ulog(path):
-    """Two topics with clocks of their own, the second with an array."""
-
-    def message(kind, content):
-        return struct.pack("<HB", len(content), ord(kind)) + content
-
-    slow = [message("D", struct.pack("<HQ2f", 1, int(t * 1e6) + 10, 5.0, v))
-            for t, v in zip(T[::2], V[::2], strict=True)]  # fmt: skip
-    path.write_bytes(b"".join([
-        b"ULog\x01\x12\x35\x01", struct.pack("<Q", 0), message("B", bytes(40)),
-        message("F", b"state:uint64_t timestamp;float x;"),
-        message("F", b"rate:uint64_t timestamp;float[2] v;"),
-        message("A", struct.pack("<BH", 0, 0) + b"state"),
-        message("A", struct.pack("<BH", 0, 1) + b"rate"),
-        *(message("D", struct.pack("<HQf", 0, int(t * 1e6), x))
-          for t, x in zip(T, X, strict=True)),
-        *slow,
-    ]))  # fmt: skip
-
-
-def _ros(path):
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.LATEST)
-    kinds = "geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64"
-    stamped, plain = (store.types[kind] for kind in kinds)
-    time, head = (store.types[k] for k in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header"))
-    point, start = store.types["geometry_msgs/msg/Point"], 1_700_000_000 * 10**9
-    plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
-    folder = path.with_suffix("")
-    with Writer(folder, version=9, storage_plugin=plugin) as bag:
-        links = [bag.add_connection(topic, kind, typestore=store)
-                 for topic, kind in zip(("/rig/at", "/v"), kinds, strict=True)]  # fmt: skip
-        for t, x, v in np.transpose([T, X, V]).tolist():
-            ns = start + int(t * 1e9)
-            sent = stamped(head(time(ns // 10**9, ns % 10**9), ""), point(x, 0.0, 0.0))
-            # received a little late, which the stamps say
-            bag.write(links[0], ns + 3_000_000 * int(t > 0), store.serialize_cdr(sent, kinds[0]))
-            bag.write(links[1], ns, store.serialize_cdr(plain(v), kinds[1]))
-    if path.suffix == ".mcap":
-        [written] = folder.glob("*.mcap")
-        written.rename(path)
-    else:
-        folder.rename(path)
-
-
-def _ros_1(path):
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    kind = "std_msgs/msg/Float64"
-    with Writer(path) as bag:
-        links = [bag.add_connection(topic, kind, typestore=store) for topic in ("/x", "/v")]
-        for t, *values in np.transpose([T, X, V]).tolist():
-            for link, value in zip(links, values, strict=True):
-                raw = store.serialize_ros1(store.types[kind](value), kind)
-                bag.write(link, 1_700_000_000 * 10**9 + int(t * 1e9), raw)
-
-
-def _comtrade(path):
-    """Eight samples a second; the second channel is skewed by 125 us."""
-    data = "".join(f"{k + 1},,{round(x * 64)},{round(v * 8)},{k % 2}\n"
-                   for k, (x, v) in enumerate(zip(X, V, strict=True)))  # fmt: skip
-    described = (
-        "station,1,1999\n3,2A,1D\n1,x,,,m,0.015625,0,0,-32767,32767,1,1,P\n"
-        "2,v,,,m/s,0.125,0,125,-32767,32767,1,1,P\n1,on,,,0\n50\n1\n8,8\n"
-        "01/01/2024,00:00:00.000000\n01/01/2024,00:00:00.000000\nASCII\n1\n"
-    )
-    if path.suffix == ".cff":
-        described = described.replace("1999", "2013").replace("ASCII\n1\n", "ASCII\n1\n0,0\n0,0\n")
-        parts = ("CFG", described), ("INF", ""), ("HDR", ""), ("DAT ASCII", data)
-        path.write_text("".join(f"--- file type: {kind} ---\n{text}" for kind, text in parts))
-        return
-    path.with_suffix(".dat").write_text(data)
-    path.write_text(described)
-
-
-DBC = """VERSION ""
-BU_: ECU
-BO_ 16 Body: 8 ECU
- SG_ x : 0|32@1- (0.015625,0) [0|0] "m" ECU
- SG_ Gear : 32|8@1+ (1,0) [0|0] "" ECU
-BO_ 17 Rate: 8 ECU
- SG_ v : 0|16@1- (0.125,0) [0|0] "m/s" ECU
-VAL_ 16 Gear 0 "neutral" 1 "first" ;
-"""
-
-
-def _bus(path):
-    import can
-    import cantools
-
-    path.with_name("car.dbc").write_text(DBC)
-    database = cantools.database.load_string(DBC)
-    with can.Logger(str(path)) as log:
-        for k, (t, x, v) in enumerate(zip(T, X, V, strict=True)):
-            body = database.encode_message("Body", {"x": x, "Gear": k % 2})
-            rate = database.encode_message("Rate", {"v": v})
-            for moment, number, data in ((t, 16, body), (t + 0.0625, 17, rate)):
-                log(can.Message(timestamp=1000.0 + moment, arbitration_id=number, data=data,
-                                is_extended_id=False))  # fmt: skip
-
-
-def _unit(path):
-    HybridAutomaton.stated([{"T": "-0.5 T"}], states=["T"]).to_fmu(path)
 
 
 @pytest.mark.parametrize("layout", ["binTrans", "binNormal"])
 def test_modelica_results_by_name_alias_sign_and_parameter(layout, tmp_path):
-    _modelica(tmp_path / "plant.mat", layout)
+    write_modelica(tmp_path / "plant.mat", layout)
     runs = read_recordings(tmp_path / "plant.mat", states=["body.x", "alias", "minus", "m"])
     [run] = runs
     np.testing.assert_array_equal(run["t"][-2:], T[-1])  # the limits of an event
@@ -175,14 +50,15 @@ def test_results_of_dymola_beside_another_reader():
 
 
 @pytest.mark.parametrize(("write", "name", "columns", "late"), [
-    (_ulog, "flight.ulg", ["state.x", "rate.v[1]"], 1e-5),
-    (_ros, "run.mcap", ["rig.at.point.x", "v.data"], 0.0),
-    (_ros, "bag", ["rig.at.point.x", "v.data"], 0.0),
-    (_ros_1, "old.bag", ["x.data", "v.data"], 0.0),
-    (_comtrade, "relay.cfg", ["x", "v"], 1.25e-4), (_comtrade, "relay.cff", ["x", "v"], 1.25e-4),
-    (_bus, "drive.trc", ["x", "v"], 0.0625),
-    (_bus, "drive.blf", ["x", "Rate.v"], 0.0625), (_bus, "drive.asc", ["x", "v"], 0.0625),
-    (_bus, "drive.log", ["x", "v"], 0.0625),
+    (write_ulog, "flight.ulg", ["state.x", "rate.v[1]"], 1e-5),
+    (write_ros, "run.mcap", ["rig.at.point.x", "v.data"], 0.0),
+    (write_ros, "bag", ["rig.at.point.x", "v.data"], 0.0),
+    (write_ros_1, "old.bag", ["x.data", "v.data"], 0.0),
+    (write_comtrade, "relay.cfg", ["x", "v"], 1.25e-4),
+    (write_comtrade, "relay.cff", ["x", "v"], 1.25e-4),
+    (write_bus, "drive.trc", ["x", "v"], 0.0625),
+    (write_bus, "drive.blf", ["x", "Rate.v"], 0.0625), (write_bus, "drive.asc", ["x", "v"], 0.0625),
+    (write_bus, "drive.log", ["x", "v"], 0.0625),
 ])  # fmt: skip
 def test_channels_keep_their_own_instants(write, name, columns, late, tmp_path):
     write(tmp_path / name)
@@ -190,7 +66,7 @@ def test_channels_keep_their_own_instants(write, name, columns, late, tmp_path):
     for k, (values, shift) in enumerate(((X, 0.0), (V, late))):
         found = run["x"].iloc[:, k].to_numpy()
         here = np.isfinite(found)
-        every = 2 if write is _ulog and k else 1
+        every = 2 if write is write_ulog and k else 1
         # seconds of 1970 are told to 2e-7 by a double
         np.testing.assert_allclose(run["t"][here], T[::every] + shift, atol=5e-7)
         np.testing.assert_array_equal(found[here], values[::every])
@@ -198,7 +74,7 @@ def test_channels_keep_their_own_instants(write, name, columns, late, tmp_path):
 
 def test_named_values_of_a_bus_are_their_numbers(tmp_path):
     pytest.importorskip("cantools")
-    _bus(tmp_path / "drive.blf")
+    write_bus(tmp_path / "drive.blf")
     files = [tmp_path / "drive.blf", tmp_path / "car.dbc"]
     [run] = read_recordings(files, states=["x"], inputs=["Gear"])
     np.testing.assert_array_equal(run["inputs"]["Gear"], np.arange(len(T)) % 2)
@@ -209,7 +85,7 @@ def test_named_values_of_a_bus_are_their_numbers(tmp_path):
 
 def test_a_log_of_a_bus_that_is_cut_is_said_to_be(tmp_path):
     pytest.importorskip("cantools")
-    _bus(tmp_path / "drive.blf")
+    write_bus(tmp_path / "drive.blf")
     files = [tmp_path / "drive.blf", tmp_path / "car.dbc"]
     whole = read_recordings(files, states=["x"])
     content = files[0].read_bytes()
@@ -218,6 +94,41 @@ def test_a_log_of_a_bus_that_is_cut_is_said_to_be(tmp_path):
     assert len(cut[0]["t"]) < len(whole[0]["t"]) and "cut" not in str(whole)
     size = len(content)
     assert f"The log is cut: {size - 40:,} of its {size:,} bytes are there." in cut.remarks
+
+
+def test_a_log_of_a_bus_with_steps_from_line_to_line(tmp_path):
+    pytest.importorskip("cantools")
+    write_bus(tmp_path / "drive.asc")
+    files = [tmp_path / "drive.asc", tmp_path / "car.dbc"]
+    [from_start] = read_recordings(files, states=["x", "v"])
+    steps, last = [], 0.0
+    for line in files[0].read_text().splitlines():
+        first = line.split()[0]
+        if first.replace(".", "").isdigit():
+            step, last = float(first) - last, float(first)
+            # a line of another kind on the way to this one, whose step counts
+            steps.append(f"{step / 2:.6f} 1 Statistic: D 1 R 0 XD 0 XR 0 E 0 O 0 B 0.00%")
+            line = line.replace(first, f"{step / 2:.6f}", 1)
+        steps.append(line.replace("timestamps absolute", "timestamps relative"))
+    files[0].write_text("\n".join(steps))
+    [stepped] = read_recordings(files, states=["x", "v"])
+    np.testing.assert_allclose(stepped["t"], from_start["t"], atol=1e-12)
+    np.testing.assert_array_equal(stepped["x"], from_start["x"])
+
+
+@pytest.mark.parametrize("name", ["drive.blf", "drive.asc", "drive.trc", "drive.log"])
+def test_extended_frames_are_no_standard_ones_of_the_same_id(name, tmp_path):
+    can, cantools = pytest.importorskip("can"), pytest.importorskip("cantools")
+    words = DBC.replace("BO_ 17 Rate", f"BO_ {16 + 2**31} Rate")
+    (tmp_path / "car.dbc").write_text(words)
+    messages = cantools.database.load_string(words).messages
+    with can.Logger(str(tmp_path / name)) as log:
+        for t, x, v in zip(T, X, V, strict=True):
+            for one, values in zip(messages, ({"x": x, "Gear": 0}, {"v": v}), strict=True):
+                log(can.Message(timestamp=1000.0 + t, arbitration_id=16, data=one.encode(values),
+                                is_extended_id=one.is_extended_frame))  # fmt: skip
+    [run] = read_recordings([tmp_path / name, tmp_path / "car.dbc"], states=["x", "v"])
+    np.testing.assert_array_equal(run["x"], np.column_stack([X, V]))
 
 
 def test_a_unit_is_run_and_read(tmp_path):
@@ -305,9 +216,11 @@ def test_signals_that_drive_nothing_are_one_sentence(signal, inputs, words, driv
 
 
 @pytest.mark.parametrize(("write", "name"), [
-    (_modelica, "plant.mat"), (_ulog, "flight.ulg"), (_ros, "run.mcap"), (_comtrade, "relay.cfg"),
-    (_comtrade, "relay.cff"), (_ros_1, "old.bag"), (_bus, "drive.blf"), (_bus, "drive.asc"),
-    (_bus, "drive.trc"), (_unit, "plant.fmu"),
+    (write_modelica, "plant.mat"), (write_ulog, "flight.ulg"), (write_ros, "run.mcap"),
+    (write_comtrade, "relay.cfg"),
+    (write_comtrade, "relay.cff"), (write_ros_1, "old.bag"),
+    (write_bus, "drive.blf"), (write_bus, "drive.asc"),
+    (write_bus, "drive.trc"), (write_unit, "plant.fmu"),
 ])  # fmt: skip
 def test_cut_foreign_and_missing_files_are_one_sentence(write, name, tmp_path):
     write(tmp_path / name)

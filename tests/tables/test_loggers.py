@@ -5,45 +5,16 @@ import sys
 
 import numpy as np
 import pytest
+from logged_files import FAST, LOG_U, LOG_X, SLOW, write_hdf5, write_mdf, write_tdms
 
 from swsysid import read_recordings
 
-FAST, SLOW = np.arange(0.0, 1.0, 0.1), np.arange(0.0, 1.0, 0.25) + 0.01
-X, U = FAST**2, np.array([0.0, 1.0, 1.0, 0.0])
-
-
-def _mdf(path):
-    asammdf = pytest.importorskip("asammdf")
-    with asammdf.MDF(version="4.10") as file:
-        file.append([asammdf.Signal(X, FAST, name="x", unit="m")])
-        file.append([asammdf.Signal(U, SLOW, name="u", unit="V")])
-        file.save(path, overwrite=True)
-
-
-def _tdms(path):
-    nptdms = pytest.importorskip("nptdms")
-    channels = [
-        nptdms.ChannelObject(
-            "log", name, values,
-            {"wf_increment": t[1] - t[0], "wf_start_offset": t[0], "unit_string": unit},
-        )
-        for name, values, t, unit in (("x", X, FAST, "m"), ("u", U, SLOW, "V"))
-    ]  # fmt: skip
-    with nptdms.TdmsWriter(path) as file:
-        file.write_segment(channels)
-
-
-def _hdf5(path):
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(path, "w") as file:
-        for name, values, t, unit in (("x", X, FAST, "m"), ("u", U, SLOW, "V")):
-            group = file.create_group(f"group of {name}")
-            group["t"] = t
-            group[name] = values[None]  # as MATLAB writes a row
-            group[name].attrs["units"] = unit
-
-
-WRITERS = {"log.mf4": _mdf, "log.tdms": _tdms, "log.h5": _hdf5, "log.mat": _hdf5}
+WRITERS = {
+    "log.mf4": write_mdf,
+    "log.tdms": write_tdms,
+    "log.h5": write_hdf5,
+    "log.mat": write_hdf5,
+}
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -54,9 +25,27 @@ def test_channels_come_with_their_own_instants_and_units(name, tmp_path):
     x, u = run["x"].to_numpy().T
     np.testing.assert_allclose(run["t"][np.isfinite(x)], FAST, atol=1e-15)
     np.testing.assert_allclose(run["t"][np.isfinite(u)], SLOW, atol=1e-15)
-    np.testing.assert_array_equal(x[np.isfinite(x)], X)
-    np.testing.assert_array_equal(u[np.isfinite(u)], U)
+    np.testing.assert_array_equal(x[np.isfinite(x)], LOG_X)
+    np.testing.assert_array_equal(u[np.isfinite(u)], LOG_U)
     assert [one.unit for one in runs.columns] == ["m", "V"]
+
+
+def test_samples_that_a_file_calls_invalid_are_missing(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    counts, at = np.arange(10), {"x": 4, "u": 7}  # as many in each
+    signals = [
+        asammdf.Signal(
+            np.where(counts == lost, -9999, counts), FAST, name=name,
+            invalidation_bits=counts == lost,
+        )
+        for name, lost in at.items()
+    ]  # fmt: skip
+    with asammdf.MDF(version="4.10") as file:
+        file.append(signals)
+        file.save(tmp_path / "log.mf4")
+    [run] = read_recordings(tmp_path / "log.mf4", states=["x", "u"])
+    for name, lost in at.items():
+        np.testing.assert_array_equal(run["x"][name], np.where(counts == lost, np.nan, counts))
 
 
 # asammdf's own finaliser fails on what it could not open
