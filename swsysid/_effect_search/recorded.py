@@ -213,24 +213,12 @@ class RecordedOutcome:
                 for one in self.tried
                 if one.p_value <= search.significance and (one.after < one.before).any()
             ),
-            unsure=self._unsure,
+            unsure=None if self.unsure is None else _unsure_in_words(self.unsure, records),
             alarms=tuple(alarms),
             of_rollouts=not records.static,
         )
         noise = [noise_floor(report, state) for state in range(len(report.targets))]
         return replace(report, effects=tuple(self.effects(noise)))
-
-    @property
-    def _unsure(self) -> UnsureEffect | None:
-        near = self.unsure
-        if near is None:
-            return None
-        return {
-            "effect": in_words(near.candidate, self.search.stretches.seen),
-            "p_value": float(near.p_value),
-            "share": near.share,
-            "longer": near.longer,
-        }
 
     def effects(self, noise: Sequence[float]) -> list[FoundEffect]:
         """The effects with numbers, intervals and rivals, where errors have a noise beneath."""
@@ -289,6 +277,15 @@ class RecordedOutcome:
                 error=error,
                 advice="a record in which the two would move the plant differently",
             )
+
+
+def _unsure_in_words(near: Finding, records: Records) -> UnsureEffect:
+    return {
+        "effect": in_words(near.candidate, records),
+        "p_value": float(near.p_value),
+        "share": near.share,
+        "longer": near.longer,
+    }
 
 
 def _of_columns(

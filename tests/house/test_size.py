@@ -84,6 +84,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - what searches have estimated is kept for those after a refutation, and what chance may explain
 #   is told with how much more would tell (`_output_error`; `_effect_search`, whose memory of last
 #   answers is in `top`); several laws are asked of as many rows as one law is (`_cli`).
+#   answers is in `top`); several laws are asked of as many rows as one law is (`_cli`);
 MOST_LINES = {
     "_automaton": 3460,
     "_automaton_search": 5600,
