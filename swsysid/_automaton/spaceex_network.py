@@ -335,7 +335,10 @@ def _check_owner(edge: Edge, other: Component) -> None:
 def conditions(element: ElementTree.Element, tag: str) -> tuple[str, ...]:
     """The conditions that stand in the elements of a tag, joined by ``&`` or ``&&``."""
     text = " & ".join((child.text or "").strip() for child in _children(element, tag))
-    parts = (" ".join(part.split()) for part in text.split("&"))
+    parts = [" ".join(part.split()) for part in text.split("&")]
+    if (either := next((part for part in parts if "|" in part), None)) is not None:
+        of = f"{shown(either)}, of the {tag},"
+        raise refusal(f"{of} is of two cases; write a transition or a location for each")
     return tuple(part for part in parts if part not in ("", "true"))
 
 

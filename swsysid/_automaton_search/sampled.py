@@ -81,7 +81,10 @@ def check_times(
         raise ValueError("order=2 is for continuous time; in discrete time set lags=1.")
     if known is not None:
         if lags == "auto":
-            raise ValueError("known needs the number of lags, by which terms have their names.")
+            raise ValueError(
+                "known needs the number of lags, by which terms have their names; give lags=1 or "
+                "another number, or leave known out."
+            )
         refuse_energies(known)
     if sparsity is not None:
         raise ValueError("sparsity is for continuous time; leave it at None.")

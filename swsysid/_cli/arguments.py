@@ -366,7 +366,10 @@ def sentences(given: Sequence[str]) -> list[str]:
             lines = Path(one[1:]).read_text(encoding="utf-8").splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise ValueError(f"--known {one} cannot be read: {error}.") from error
-        found += [line.strip() for line in lines if line.strip() and not line.startswith("#")]
+        own = [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
+        if not own:
+            raise ValueError(f"--known {one} holds no sentence; write one on each line.")
+        found += own
     return found
 
 

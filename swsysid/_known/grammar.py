@@ -57,7 +57,7 @@ _OTHERS = ("other terms", "other term", "others", REST)
 _OPEN, _CLOSE = "([{", ")]}"
 _EXAMPLES = (
     """"x' = v", "v'[x] = -9.81", "v'[v] <= 0", "v' has no u", "v'[u] same in all modes", """
-    """"guard x >= *\""""
+    """"guard x >= *", "energy x^2 + v^2 never rises\""""
 )
 
 
@@ -145,7 +145,7 @@ def _relation(sentence: str, text: str) -> Sentence:
     sides = [sentence[begin:end] for begin, end in zip(begins, ends, strict=True)]
     kinds = [one[0][0] for one in signs]
     if not kinds:
-        raise _refused(text, "it says nothing of a law")
+        raise _refused(text, "it is none of the sentences that there are")
     if len(kinds) == 2 and kinds[0] == kinds[1] != "=":
         low, middle, high = sides if kinds[0] == "<" else sides[::-1]
         parts = list(_parts(middle, text))

@@ -229,7 +229,9 @@ def known_laws(known: object, why: str) -> Known | None:
 def refuse_energies(known: Known) -> None:
     """ValueError where it has an energy, in discrete time."""
     if any(isinstance(one, Energy) for one in known.sentences):
-        raise ValueError("An energy that never rises is known of velocities; leave it out.")
+        raise ValueError(
+            "An energy that never rises is known of velocities, and maps have none; leave it out."
+        )
 
 
 def both_known(one: Known | None, other: Known | None) -> Known | None:

@@ -101,5 +101,6 @@ def check_no_band(options: Mapping[str, object]) -> None:
         raise ValueError(
             f"{asked[0]} is given, and how certain the coefficients of this model are together is "
             "not known: identify it by TrajectoryIdentifier or HybridAutomatonRegressor (with "
-            "noise and refine=True), refine it, or give it covariance_ of a bootstrap."
+            "noise and refine=True, where its report does not say that rollouts became worse), "
+            "refine it, or give it covariance_ of a bootstrap."
         )

@@ -130,16 +130,22 @@ def prior_of(
     """What a refitted surface says of the modes along rough states."""
     guards = reached.estimate.guards
     if guards is None:
-        return prior_of_model(model.switching_model, recordings, trust)
+        n_modes = len(reached.estimate.laws.coef)
+        return prior_of_model(model.switching_model, recordings, trust, n_modes)
     own = reached.covariance.of_guards
     return prior_of_guards(guards, own, recordings, trust, settings.blurred)
 
 
-def prior_of_model(model: SwitchingModel, recordings: Recordings, trust: float) -> Array:
-    """Log probability of the modes of all intervals by a fitted classifier."""
+def prior_of_model(
+    model: SwitchingModel, recordings: Recordings, trust: float, n_modes: int
+) -> Array:
+    """Log probability of the modes of all intervals by a fitted classifier.
+
+    The model may lack the last of the `n_modes`, if its fit of rows left none in them.
+    """
     columns = np.concatenate([recordings.guess, recordings.u], axis=2)
     middle = 0.5 * (columns[1:] + columns[:-1])
-    flat = np.zeros((middle[..., 0].size, len(model.coef)))
+    flat = np.zeros((middle[..., 0].size, n_modes))
     # a classifier knows only modes that its samples had
     probabilities = model.mode_probabilities(middle.reshape(-1, middle.shape[2]))
     flat[:, model.surface.classes_] = probabilities[:, : len(model.surface.classes_)]

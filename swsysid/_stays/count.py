@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import LinAlgError
 from scipy.special import gammaln
 
 from swsysid._results import Array
@@ -143,6 +144,7 @@ def fewest_modes(
     of that, as that with three modes of the four that two heaters have. Then two modes become one
     as long as that is better: the answer with too many may have parted what one with fewer has not
     found. `identified` is given a number and the answer of the number before, `merged` an answer.
+    A number whose equations have no solution ends the search with those before it.
     """
     found: list[StayIdentification] = []
     asked: list[int] = []
@@ -150,7 +152,12 @@ def fewest_modes(
     for n_modes in counts:
         if found and is_exact(found[-1]):
             break
-        found.append(identified(n_modes, found[-1] if found else None))
+        try:
+            found.append(identified(n_modes, found[-1] if found else None))
+        except LinAlgError:  # laws of so many modes that some are told by next to nothing
+            if not found:
+                raise
+            break
         asked.append(n_modes)
         candidates = criteria(asked, found)
         gone = len(found[-1].estimate.laws.coef) < n_modes

@@ -95,7 +95,8 @@ class Alternation:
             trust = settings.trust[self._first]
             self.prior = prior_of(known.model, known.reached, recordings, trust, settings)
         elif self._separates:
-            self.prior = prior_of_model(system, recordings, settings.trust[0])
+            n_modes = len(self.laws.coef)
+            self.prior = prior_of_model(system, recordings, settings.trust[0], n_modes)
         self.found: list[StayIdentification] = []
         self.history: list[StayRecord] = []
 

@@ -16,7 +16,7 @@ from itertools import compress, product
 from statistics import mode
 
 from swsysid._tables.cells import is_missing, is_understood
-from swsysid._tables.units import is_unit
+from swsysid._tables.units import PURE, is_unit
 
 WHITE = r"\s+"  # the delimiter of columns that stand apart by blanks
 DELIMITERS = (",", ";", "\t", "|", WHITE)
@@ -149,7 +149,7 @@ def _named_cells(line: str, delimiter: str, width: int) -> list[str]:
 def _bare(unit: str) -> str:
     """A unit without its brackets; none for a pure number."""
     text = re.sub(r"^[\[(](.*)[\])]$", r"\1", unit)
-    return "" if text in ("-", "1") else text
+    return "" if text in PURE else text
 
 
 def _check_names(names: list[str], width: int, first: int) -> None:

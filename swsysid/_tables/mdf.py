@@ -11,6 +11,8 @@ import numpy as np
 
 from swsysid._tables.table import NUMERIC, Table, on_clock
 
+_HEADER, _TAG = 64, b"##HD"  # of MDF 4: where the block of the header begins, and its name
+
 
 def read_mdf(path: Path, described: Sequence[Path]) -> Iterator[Table]:
     """Groups of channels, each with its own instants.
@@ -20,6 +22,11 @@ def read_mdf(path: Path, described: Sequence[Path]) -> Iterator[Table]:
     """
     import asammdf
 
+    with path.open("rb") as file:
+        begin = file.read(_HEADER + len(_TAG))
+    # asammdf leaves a file half open where this block is not there
+    if begin.startswith(b"MDF     4") and not begin.endswith(_TAG):
+        raise ValueError("it ends, or is damaged, where its header should be")
     with asammdf.MDF(path) as file:
         places = sorted({place for known in file.channels_db.values() for place in known})
         for group, listed in groupby(places, key=itemgetter(0)):

@@ -36,6 +36,7 @@ SECONDS = {
 }
 # der(x) is no x in units of der: tools of Modelica name the derivative of a state so. Nor is the
 # 0 of q[0] a unit.
+PURE = ("-", "1")  # written where a number has no unit
 _BRACKET = re.compile(r"(?<!\bder)(?:\s+|(?![\[(]\d))[\[(]([^\])]*)[\])]\s*$")
 
 
@@ -70,10 +71,12 @@ def unit_of(name: str) -> str:
     ['m/s', 'deg/s', 'm/s^2', 'N m', 'N s']
     >>> [unit_of(name) for name in ("h(m)", "der(h)", "der(h) [m/s]")]
     ['m', '', 'm/s']
+    >>> unit_of("gate [-]")
+    ''
     """
     bracket = _BRACKET.search(name)
     if bracket:
-        return bracket.group(1)
+        return "" if bracket.group(1) in PURE else bracket.group(1)
     parts = name.split("_")
     for start in (k for k in range(1, len(parts)) if parts[k - 1] != "per"):
         groups = [group.split("_") for group in "_".join(parts[start:]).split("_per_")]

@@ -64,8 +64,11 @@ def compared_rows(
     judged = split.test & is_seen[model.modes_]
     judged = judged if judged.any() else split.test
 
-    def errors(terms: Terms, n_modes: int) -> Array:
-        fitted = rows.fitted(estimator(terms, n_modes), train)
+    def errors(each: Terms, n_modes: int) -> Array:
+        asked = estimator(each, n_modes)
+        if each != terms:  # what is known is said of the declared terms
+            asked = asked.set_params(known=None)
+        fitted = rows.fitted(asked, train)
         left = Xdot[judged] - fitted.predict(rows.of(judged))
         return np.asarray(left[:, rows.n_known :])
 

@@ -129,7 +129,10 @@ def solve_mip(
     if laws is not None:
         region = laws.region(equations, list(map(str, feature_map.names_out)), n_modes)
         if region.cones:
-            raise ValueError("known has an energy that never rises, which is no linear program.")
+            raise ValueError(
+                "known has an energy that never rises, which is no linear program; leave it out, "
+                "or say it to SwitchingSystemRegressor(known=...)."
+            )
     program = _Program.build(
         features / feature_units, y / unit, n_modes, coef_bound * feature_units / unit
     )

@@ -145,6 +145,7 @@ def test_a_model_by_another_hand(guard, tmp_path):
         ("x' == v", "x' &lt;= v", "is no equation for one variable"),
         ("x' == v &amp; ", "", "location always does not say how x moves"),
         ("-0.75*v", "sin(v)", "has the unknown name 'sin'"),
+        ("<guard>x &lt;= 0", "<guard>x &lt;= 0 | v &lt; 0", "is of two cases; write a transition"),
         ("-0.75*v", "v*v", "is not affine in the states"),
         ('source="7"', 'source="8"', "from or to a location that there is not"),
         ("location", "place", "it has 0 components with locations instead of one"),

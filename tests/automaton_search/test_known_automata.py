@@ -59,7 +59,7 @@ def test_it_is_refused_before_anything_is_fitted():
     for known, message, options in (
         ("T' has no T", r"the terms are 1, T\[k\]", {}),
         ("energy T^2 never rises", "known of velocities", {}),
-        ("T' has no 1", "needs the number of lags", {"lags": "auto"}),
+        ("T' has no 1", "needs the number of lags.* give lags=1", {"lags": "auto"}),
     ):
         with pytest.raises(ValueError, match=message):
             identified(known, discrete_time=True, **options)

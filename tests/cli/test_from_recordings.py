@@ -165,9 +165,11 @@ def test_what_is_known_holds_and_is_asked(tmp_path, capsys):
     sought = ["--diagnose", "--effects", "polynomial"]
     text = text_of([*arguments, f"@{sentences}", *sought], capsys)
     assert "Polynomial of v in v'" in text and "with:    x' = 1.000 v" in text
+    (empty := tmp_path / "empty.txt").write_text("  # nothing yet\n", encoding="utf-8")
     for wrong, said in (
         (["v'[u] = 1"], "the terms are 1, x, v"),
         ([f"@{tmp_path}/none.txt"], "cannot be read"),
+        ([f"@{empty}"], "holds no sentence"),
     ):
         assert main([*arguments, *wrong]) == 2
         assert said in capsys.readouterr().err

@@ -160,13 +160,15 @@ def _mat_in_disguise(path):
         ("huge.npz", _npz_of_two_billion_rows),
         ("other.npz", lambda path: path.write_bytes(b"PK\3\4" + bytes(100))),
         ("other.xlsx", lambda path: path.write_bytes(b"PK\3\4" + bytes(100))),
+        ("cut.mf4", lambda path: path.write_bytes(b"MDF     4.10    " + bytes(100))),
         ("other.parquet", lambda path: path.write_bytes(b"PAR1" + bytes(100))),
     ],
     ids=lambda value: value[:20] if isinstance(value, str) else "",
 )
 def test_a_file_that_cannot_be_read_is_a_sentence(name, write_it, tmp_path, capsys):
-    if name.endswith("parquet"):
-        pytest.importorskip("pyarrow")
+    needed = {"parquet": "pyarrow", "mf4": "asammdf"}.get(name.rpartition(".")[2])
+    if needed is not None:
+        pytest.importorskip(needed)
     path = tmp_path / name
     if write_it is not None:
         write_it(path)

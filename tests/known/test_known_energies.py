@@ -8,6 +8,7 @@ import pytest
 from swsysid import Known, SwitchingSystemRegressor, TrajectoryIdentifier, solve_mip
 from swsysid._known.program import Cone, Steps
 from swsysid._losses import LOSSES, get_loss
+from swsysid.diagnosis import switching_verdict
 from swsysid.refinement import StatedModel, StatedSurface, refine
 
 ENERGY = "energy x^2 + v^2 never rises"
@@ -124,6 +125,13 @@ def test_what_is_wrong_is_found():
     assert check.value == pytest.approx(0.5, abs=0.05)
 
 
+def test_smooth_rivals_of_a_verdict_know_nothing():
+    X, Xdot = rows(1500)
+    model = SwitchingSystemRegressor(known=ENERGY, random_state=0).fit(X, Xdot)
+    # laws with squares are among them, of which no energy of squares is
+    assert switching_verdict(model, X, Xdot).best_law
+
+
 def test_sentences_and_refusals():
     known = Known().dissipates("4 x^2 + x v + v^2")
     assert str(known) == "energy 4 x^2 + x v + v^2 never rises"
@@ -134,6 +142,7 @@ def test_sentences_and_refusals():
     for sentences, message in (
         ("energy x^2 + w^2 never rises", r"names w\^2; an energy is of squares"),
         ("energy x^2 + 3 never rises", "an energy is of squares and products of states"),
+        ("energy x^2 + v^2 never falls", r"such as .*energy x\^2 \+ v\^2 never rises"),
         (["energy x^2 never rises", "x' = v"], "cannot hold together"),
         ([ENERGY, "x' = v", "v'[x] = -4"], "cannot hold together"),
         ([ENERGY, "x'[x] = 0.1"], "cannot hold together"),
@@ -144,7 +153,7 @@ def test_sentences_and_refusals():
         SwitchingSystemRegressor(feature_library=2, known=ENERGY).fit(X, Xdot)
     with pytest.raises(ValueError, match="known of velocities"):
         SwitchingSystemRegressor(discrete_time=True, known=ENERGY).fit(X, Xdot)
-    with pytest.raises(ValueError, match="no linear program"):
+    with pytest.raises(ValueError, match="no linear program; leave it out, or"):
         solve_mip(X, Xdot, known=ENERGY)
     t = np.linspace(0, 2, 41)
     data = [{"t": t, "x": plant(0.1).simulate([1.0, 1.0], t).x}]

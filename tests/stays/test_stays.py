@@ -10,10 +10,12 @@ from benchmarks.trajectories.methods import METHODS
 from benchmarks.trajectories.plants import PLANTS
 from benchmarks.trajectories.recordings import Scenario, record
 from swsysid._data.recordings import Record
-from swsysid._stays.count import order_of_switches
+from swsysid._stays.assign import prior_of_model
+from swsysid._stays.count import fewest_modes, order_of_switches
 from swsysid._stays.decoding import decode
 from swsysid._stays.descent import Reached
 from swsysid._stays.filtering import Belief, FlowFilter, corrected
+from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Nodes
@@ -205,3 +207,31 @@ def test_a_lost_sample_tells_nothing_of_the_mode():
     np.testing.assert_array_equal(likelihood[0], 0.0)
     np.testing.assert_array_equal(after.covariance[:, :, 0], ahead.covariance[:, :, 0])
     assert likelihood[1, 0, 0] > likelihood[1, 0, 1]
+
+
+def test_a_surface_tells_of_modes_that_its_rows_do_not_have():
+    plant, _, recordings, _, _ = contact()
+    prior = prior_of_model(plant.truth().switching_model, recordings, 0.01, 3)
+    assert prior.shape == (*recordings.steps.shape, 3)
+    np.testing.assert_array_equal(prior[..., 2], np.log(0.01))
+    np.testing.assert_array_equal(
+        prior[..., :2], prior_of_model(plant.truth().switching_model, recordings, 0.01, 2)
+    )
+
+
+def test_a_number_of_modes_without_a_solution_ends_the_search():
+    _, _, recordings, laws, stays = contact()
+    estimate = Estimate(laws, Nodes(recordings, stays), recordings.in_a_row(recordings.guess))
+    objective = Objective(np.full(2, NOISE), 1e-5)
+    reached = Reached(estimate, objective, objective.value(estimate))
+    known = StayIdentification(None, reached, (), reached.value)
+
+    def identified(n_modes, _):
+        if n_modes != 2:
+            raise np.linalg.LinAlgError("not positive definite")
+        return known
+
+    found, tried = fewest_modes(identified, lambda one: None, [2, 3, 4])
+    assert found is known and len(tried) == 1
+    with pytest.raises(np.linalg.LinAlgError):
+        fewest_modes(identified, lambda one: None, [1, 2])
