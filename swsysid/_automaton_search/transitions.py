@@ -75,10 +75,15 @@ def _at_samples_or_not(
 
 
 def _nats(found: Sequence[Settled], interval: float) -> float:
-    """What the guards leave unexplained of the instants, by the density of these."""
+    """What the guards leave unexplained of the instants, by their density in intervals.
+
+    In these units an instant that no guard tells costs as much as one known to an interval.
+    """
     told = [(one.guard.cost, one.switches.errors) for one in found if one.guard is not None]
-    least = SETTINGS.instant * interval
-    return sum(cost + float(np.log(np.maximum(errors, least)).sum()) for cost, errors in told)
+    return sum(
+        cost + float(np.log(np.maximum(errors / interval, SETTINGS.instant)).sum())
+        for cost, errors in told
+    )
 
 
 def _settled(
