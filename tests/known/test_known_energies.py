@@ -152,6 +152,9 @@ def test_sentences_and_refusals():
     assert Known.from_text(str(known)) == known
     met = [ENERGY, "x'[x] = -1", "v'[v] = -1", "x'[v] = 2", "v'[x] = 0"]
     assert check_known(met).region(["x", "v"], ["x", "v"], 1).cones
+    # the law of a state without energy may be any
+    partly = check_known(["energy v^2 never rises", "v' has only v, u"])
+    assert partly.region(["x", "v"], ["x", "v", "u", "x v"], 1).box[1][0, 1, 1] == 0.0
     region = Known().dissipates("x^2 + x'^2").region(["x", "x'"], ["1", "x", "x'"], 2)
     assert len(region.cones) == 2
     X, Xdot = rows(60)
