@@ -45,7 +45,10 @@ STOREYS = [
     ("Identification", "_identification _seeding"),
     ("Convex programs", "_classifier _surfaces relaxations _losses _solvers _known"),
     ("Measurements", "metrics differentiation exporting _tables _checkpoints _data"),
-    ("Foundations", "_noise _journal _whole_or_nothing _ties _results _rendering _checks"),
+    (
+        "Foundations",
+        "_noise _journal _remembered _whole_or_nothing _ties _results _rendering _checks",
+    ),
 ]
 LEFT, WIDTH, GAP, HEIGHT = 2.2, 2.35, 0.12, 1.25
 
