@@ -110,6 +110,15 @@ def test_maps_are_asked_and_say_what_an_identification_without_would():
     assert "leave out or correct" in found.report_.advice
 
 
+def test_what_is_known_beside_it_makes_an_error_smaller():
+    """That of what is asked is the error of an identification with all else that is known."""
+    known = "T'[T[k]] = 0.9"
+    wrong = sampled([known, "T'[W[k]] = 0.09"]).known_[1]
+    errors = [sampled(one).coef_errors_[0, 0, 2] for one in (known, None)]
+    assert wrong.name == "T'[W[k]] in mode 0"
+    assert wrong.error == pytest.approx(errors[0], rel=1e-2) and errors[0] < 0.97 * errors[1]
+
+
 def test_a_bound_of_maps_holds_and_what_was_found_changes_nothing():
     free = sampled(None)
     value = float(free.coef_[0, 0, 1])
