@@ -69,16 +69,21 @@ def _at_samples_or_not(
     interval = stays.estimate.nodes.recordings.interval
     switches = switches.asked_at_samples(interval)
     asked = _settled(stays, (switches, visits), terms, positions, solved)
-    if _nats(found, interval) + len(switches) <= _nats(asked, interval):
+    if nats_of(found, interval) + len(switches) <= nats_of(asked, interval):
         return found
     return [replace(one, asked_at_samples=not one.switches.jumped.all()) for one in asked]
 
 
-def _nats(found: Sequence[Settled], interval: float) -> float:
-    """What the guards leave unexplained of the instants, by the density of these."""
+def nats_of(found: Sequence[Settled], interval: float) -> float:
+    """What the guards leave unexplained of the instants, by their density in intervals.
+
+    In these units an instant that no guard tells costs as much as one known to an interval.
+    """
     told = [(one.guard.cost, one.switches.errors) for one in found if one.guard is not None]
-    least = SETTINGS.instant * interval
-    return sum(cost + float(np.log(np.maximum(errors, least)).sum()) for cost, errors in told)
+    return sum(
+        cost + float(np.log(np.maximum(errors / interval, SETTINGS.instant)).sum())
+        for cost, errors in told
+    )
 
 
 def _settled(

@@ -17,6 +17,7 @@ from swsysid._known.region import Region
 from swsysid._known.sentences import Guard
 from swsysid._results import Array
 from swsysid._stays.arrow import covariance_of
+from swsysid._stays.settings import LIMITS
 from swsysid._ties import least_of
 from swsysid.metrics._modes import best_matching, contingency
 
@@ -56,8 +57,11 @@ class MapFit:
         return np.ones(self.coef.shape, dtype=bool)
 
     @cached_property
-    def _equations(self) -> tuple[float, Array, Array]:
-        """Half the squares that are left; information of the coefficients, and what pulls them."""
+    def _equations(self) -> tuple[float, Array, Array, Array]:
+        """Half the squares that are left; information of the coefficients, and what pulls them.
+
+        And by how much the information is rounded, where most of it was about states.
+        """
         found, data = self.stays.searched.found, self.stays.searched.data
         fit, shape = found.fit, self.coef.shape
         n = self.coef[0].size
@@ -67,11 +71,12 @@ class MapFit:
             problem = StateProblem(data, fit.lawful, free, told.noise, told.tie)
             own = np.ones(shape, dtype=bool)
             equations = problem.normal_equations(LawsAndStates(told.coef, own, told.states))
-            factor = equations.arrow.factor(0.0, np.finfo(float).tiny)
             value, matrix = equations.value, equations.arrow.schur
-            right = factor.held_back(equations.right, np.zeros(len(matrix)))
+            rounded = LIMITS.rounding * np.diag(equations.arrow.corner)
+            right = equations.arrow.pull(equations.right)
         else:
-            value, matrix, right = 0.0, np.zeros((shape[0] * n,) * 2), np.zeros(shape[0] * n)
+            value, matrix = 0.0, np.zeros((shape[0] * n,) * 2)
+            right, rounded = np.zeros((2, shape[0] * n))
             for mode, law in enumerate(fit.coef):
                 rows = fit.lawful == mode
                 features = data.problem.features[rows]
@@ -87,7 +92,8 @@ class MapFit:
         names = self.stays.names[self.order]
         places = (names[:, None] * n + np.arange(n)).ravel()
         unit = np.tile((data.feature_unit / data.target_unit[:, None]).ravel(), shape[0])
-        return value, matrix[np.ix_(places, places)] * unit[:, None] * unit, right[places] * unit
+        matrix = matrix[np.ix_(places, places)] * unit[:, None] * unit
+        return value, matrix, right[places] * unit, rounded[places] * np.square(unit)
 
     @property
     def freedom(self) -> float:
@@ -97,19 +103,16 @@ class MapFit:
 
     def released(self, region: Region) -> Released:
         """By the step of Gauss and Newton, with the noise that is left after it."""
-        value, matrix, right = self._equations
+        value, matrix, right, rounded = self._equations
         diagonal = np.diag(matrix)
-        held = matrix + np.diag(np.where(diagonal > 0.0, _HELD * diagonal, 1.0))
+        held = matrix + np.diag(np.where(diagonal > 0.0, _HELD * diagonal + rounded, 1.0))
         steps = region.steps(self.coef, self.free)
         step = steps.least(held, right)
         gain = float(right @ step - 0.5 * step @ held @ step)
         unit = max(2.0 * (value - gain) / self.freedom, np.finfo(float).tiny)
 
         def covariance() -> Array:
-            inverse = steps.at_bounds(held).inverse(held)
-            untold = np.isinf(np.diag(covariance_of(matrix)))
-            inverse[untold, untold] = np.inf
-            return inverse
+            return covariance_of(matrix, steps.at_bounds(held))
 
         return Released(step.reshape(self.coef.shape), gain, unit, self.freedom, covariance)
 

@@ -100,9 +100,9 @@ class StateEquations:
         """The step of damped equations, and by how much it should lower the value."""
         try:
             factor = self.arrow.factor(damping, np.finfo(float).tiny, self.steps)
+            step = factor.solve(self.right)
         except LinAlgError:  # not positive by rounding, or not finite
             return np.zeros(len(self.right)), 0.0
-        step = factor.solve(self.right)
         corner = step[len(self.right) - len(factor.more) :]
         held = factor.more @ np.square(corner)
         if self.steps is not None:
@@ -254,7 +254,10 @@ def with_states(
     left = problem.left(found.coef, found.states, data.features(problem.columns(found.states)))
     noise = _noise(problem, found.states, left, tie)
     problem = StateProblem(data, fit.lawful, free, noise, tie)
-    cost = _cost(problem, problem.normal_equations(found), fit)
+    try:
+        cost = _cost(problem, problem.normal_equations(found), fit)
+    except LinAlgError:  # a law that is known and far from the rows, so that no state is near both
+        cost = np.inf
     return StateFit(found.coef, found.states, problem.back, left, noise, tie, cost)
 
 
@@ -288,11 +291,8 @@ def law_covariance(
     own = problem.columns_of_coef >= 0
     equations = problem.normal_equations(LawsAndStates(found.coef, own, found.states))
     variances = np.zeros(found.coef.shape)
-    schur = equations.arrow.schur
-    if equations.steps is None or problem.region is None:
-        variances[own] = np.diag(covariance_of(schur))
-    else:  # on a bound that of what it is without
-        variances[own] = np.diag(equations.steps.without_bounds.inverse(schur))
+    variances[own] = np.diag(covariance_of(equations.arrow.schur, equations.steps))
+    if problem.region is not None:
         variances[problem.region.fixed[0]] = 0.0
     return variances
 

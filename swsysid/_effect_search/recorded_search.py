@@ -137,8 +137,11 @@ def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
         # laws had bent to what happened: beside it shows what else there is, refuted before or not
         search = replace(search, refuted=(), significance=significance / 2.0)
     models = tuple(search.model(fit) for fit in further.models)
-    done = Searched(search, models, further.findings, outcome.unsure)
-    return _sound(further, done.went_on() if has_happened else done, strict=True)
+    if has_happened:
+        done = Searched(search, models, further.findings).went_on()
+    else:
+        done = Searched(search, models, further.findings, outcome.unsure)
+    return _sound(further, done, strict=True)
 
 
 def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOutcome:

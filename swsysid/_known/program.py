@@ -24,8 +24,9 @@ from swsysid._results import Array
 # Of the largest singular value of equalities in units of S, the least that counts; and, in the
 # same units, within which a bound is reached.
 _RANK, _REACHED = 1e-9, 1e-6
-# Of the size of a matrix that must not be positive, what counts as zero; and turns of cuts.
-_NOT_POSITIVE, _CUTS = 1e-9, 100
+# Of the size of a matrix that must not be positive, what counts as zero; and turns of cuts, of
+# which energies of eight states with all products take up to 210.
+_NOT_POSITIVE, _CUTS = 1e-9, 400
 _OPTIMAL = 0  # as HiGHS says it through SciPy
 
 
@@ -137,8 +138,10 @@ class Steps:
                 break
             most = np.vstack([steps.most, *(row for row, _ in cuts)])
             room = np.append(steps.room, [room for _, room in cuts])
-            steps = replace(steps, most=most, room=room)
+            steps, before = replace(steps, most=most, room=room), z
             z = solve(steps)
+            if np.array_equal(z, before):  # no step meets all of them
+                break
         return z
 
     def inverse(self, matrix: Array) -> Array:

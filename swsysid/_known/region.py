@@ -117,20 +117,21 @@ class Region:
         """With rows for the cones that coefficients reach or miss, in the directions of both."""
         region = self
         for number, cone in self.cones:
-            reached = self._reached(cone, coef)
+            reached = self.reached(cone, coef)
             rows = np.einsum("ik,ijmsf,jk->kmsf", reached, cone, reached)
             region = region.with_rows(number, rows, -np.inf)
         return region
 
     def n_bent(self, number: int, coef: Array) -> int:
         """Directions in which cones of a sentence hold coefficients."""
-        counts = [self._reached(cone, coef).shape[1] for own, cone in self.cones if own == number]
+        counts = [self.reached(cone, coef).shape[1] for own, cone in self.cones if own == number]
         return sum(count * (count + 1) // 2 for count in counts)
 
-    def _reached(self, cone: Array, coef: Array) -> Array:
+    def reached(self, cone: Array, coef: Array, within: float = _NEAR) -> Array:
+        """Directions in which coefficients are on the border of a cone or beyond, in columns."""
         values, vectors = np.linalg.eigh(np.tensordot(cone @ self.change.T, coef, 3))
         size = np.abs(cone).max() * np.abs(coef).max()
-        return np.asarray(vectors[:, values > -_NEAR * size])
+        return np.asarray(vectors[:, values > -within * size])
 
     def of_modes(self, n_modes: int) -> Region:
         """The same sentences of another number of modes."""
@@ -333,13 +334,16 @@ class Region:
             return False
         used = (rows != 0.0).any(axis=0)
         steps = _steps(rows[:, used], lower, upper)
-        if not used.any():
-            return True
-        answer = linprog(
-            np.zeros(used.sum()), steps.most, steps.room, steps.equal, steps.gap,
-            bounds=(None, None), method="highs",
-        )  # fmt: skip
-        return bool(answer.status != _INFEASIBLE)
+        if used.any():
+            answer = linprog(
+                np.zeros(used.sum()), steps.most, steps.room, steps.equal, steps.gap,
+                bounds=(None, None), method="highs",
+            )  # fmt: skip
+            if answer.status == _INFEASIBLE:
+                return False
+        begin, n_free = np.where(free, 0.0, coef), int(free.sum())
+        nearest = own.nearest(begin, free, np.eye(n_free)) if own.cones else begin
+        return not any(own.reached(cone, nearest, -_NEAR).size for _, cone in own.cones)
 
     def nearest(self, coef: Array, free: NDArray[np.bool_], metric: Array) -> Array:
         """The coefficients nearest to given ones that it allows, those that are not free kept.

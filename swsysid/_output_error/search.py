@@ -140,8 +140,9 @@ class Search:
     def started(self, declared: Law) -> Searched:
         """The declared model, and the first effect if there is one."""
         own = self.stretches
+        asked = own.disturbance, declared.declared.tobytes(), declared.known.tobytes()
         first: Model = self._known(
-            own.parts, own.disturbance, lambda: self.model(self.engine.fitted(declared, own))
+            own.parts, asked, lambda: self.model(self.engine.fitted(declared, own))
         )
         done = Searched(self, (first,), ())
         better = self.round(first, first) if self.most else None

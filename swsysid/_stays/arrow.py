@@ -76,6 +76,11 @@ class Arrow:
         """What S says of the corner once the band is eliminated."""
         return self._eliminated[2]
 
+    def pull(self, right: Array) -> Array:
+        """What a right side says of the corner once the band is eliminated."""
+        b, d = np.split(right, [len(self.border)])
+        return np.asarray(d - self._eliminated[1].T @ b)
+
     @property
     def log_det_of_band(self) -> float:
         """Logarithm of the determinant of B."""
@@ -191,32 +196,35 @@ class CornerWithin(Corner):
         return self._steps.least(self.matrix, right)
 
 
-def covariance_of(information: Array) -> Array:
+def covariance_of(information: Array, steps: Steps | None = None) -> Array:
     """The inverse of a matrix of least squares, infinite on the diagonal where it tells nothing.
 
     Unknowns of which only a combination is told, such as rate and constant of a mode that rests at
-    its fixed point, are not told either.
+    its fixed point, are not told either. Equalities of `steps` are met, their bounds are not asked.
 
     Examples
     --------
     >>> covariance_of(np.array([[4.0, 0.0, 0.0], [0.0, 1.0, 2.0], [0.0, 2.0, 4.0]])).diagonal()
     array([0.25,  inf,  inf])
     """
-    inverse, told = pseudo_inverse(information)
+    inverse, told = pseudo_inverse(information, steps)
     every = np.arange(len(inverse))
     inverse[every, every] = np.where(told, np.diag(inverse), np.inf)
     return inverse
 
 
-def pseudo_inverse(information: Array) -> tuple[Array, NDArray[np.bool_]]:
+def pseudo_inverse(
+    information: Array, steps: Steps | None = None
+) -> tuple[Array, NDArray[np.bool_]]:
     """The inverse of a matrix of least squares but for what it does not tell; unknowns it tells."""
     diagonal = np.diag(information)
-    told = diagonal > 0.0
-    unit = 1.0 / np.sqrt(np.where(told, diagonal, 1.0))
-    sizes, directions = np.linalg.eigh(information * unit[:, None] * unit)
+    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    basis = np.eye(len(unit)) if steps is None else steps.in_units(unit).basis
+    sizes, directions = np.linalg.eigh(basis.T @ (information * unit[:, None] * unit) @ basis)
+    directions = basis @ directions
     lost = sizes <= LIMITS.rounding * max(1.0, float(sizes.max(initial=0.0)))
     kept = directions[:, ~lost]
     inverse = np.asarray((kept / sizes[~lost]) @ kept.T * unit[:, None] * unit)
     # a direction that is lost is one of all unknowns in it, but for rounding
     share = np.square(directions[:, lost]).sum(axis=1)
-    return inverse, told & (share <= LIMITS.exactly)
+    return inverse, share <= LIMITS.exactly

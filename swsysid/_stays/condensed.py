@@ -46,7 +46,6 @@ from swsysid._stays.start import differentiated
 from swsysid._surfaces.surface import is_linear
 
 _MOST_PASSES = 20
-_HELD = 1.0  # nats by which an unknown is held where S is factored; it is taken off again
 
 
 @dataclass(frozen=True)
@@ -93,10 +92,9 @@ class Shared:
             estimate = replace(estimate, guards=replace(told, free=self.guards.free))
         equations = objective.normal_equations(replace(estimate, laws=self.laws))
         arrow, right = equations.reduced()
-        corner = arrow.factor(least=_HELD).solve(right)[len(right) - equations.n_shared :]
         left = misfits(estimate)
         return Condensed(
-            value, arrow.schur, arrow.schur @ corner + _HELD * corner,
+            value, arrow.schur, arrow.pull(right),
             np.nansum(np.square(left), axis=(0, 1)), np.isfinite(left).sum(axis=(0, 1)),
             given.by_rows([active_modes_of(estimate)]),
             np.concatenate([one.instants for one in estimate.nodes.stays]),

@@ -83,7 +83,8 @@ def _from_the_start(log: str) -> str:
 
     Of those python-can makes times, and lines that it skips have steps, too.
     """
-    if not re.search(r"(?im)^base\s.*timestamps\s+relative", log[:1000]):
+    told = re.search(r"(?im)^base\s.*timestamps\s+(\w+)", log)
+    if told is None or told[1].lower() != "relative":
         return log
     now = Decimal(0)
 

@@ -127,6 +127,8 @@ def solve_mip(
     feature_units[feature_units == 0] = 1.0
     region = None
     if laws is not None:
+        if y.shape[1] > X.shape[1]:
+            raise ValueError("known names laws by columns of X, of which y has more than X.")
         region = laws.region(equations, list(map(str, feature_map.names_out)), n_modes)
         if region.cones:
             raise ValueError(

@@ -54,6 +54,16 @@ def test_a_guard_has_the_least_degree_that_explains_its_switches():
     assert circle.guard.powers.sum(axis=1).max() == 2 and circle.miss < 1e-9
 
 
+def test_a_guard_explains_no_switch_at_which_it_falls():
+    """Ten of forty on the same plane: each costs what one at random does, more than a nat."""
+    data = planted([2.0, 0.0, 0.0], 0.7, n=40)
+    ways = np.where(np.arange(40) < 30, 1.0, -1.0)[:, None]
+    rising, both = (best_guard(replace(data, rates=data.rates * way), 1) for way in (1.0, ways))
+    assert both.cost > rising.cost + 10.0
+    at = [-one.guard.coef[0] / one.guard.coef[1] for one in (rising, both)]
+    assert at == pytest.approx([0.35, 0.35], abs=1e-9)
+
+
 def test_guards_without_a_clock_are_known_when_it_begins_elsewhere():
     data, solved = planted([2.0, 0.0, 0.0], 0.7), {}
     first = best_guard(data, 1, solved=solved)

@@ -65,7 +65,7 @@ def test_it_is_refused_before_anything_is_fitted():
             identified(known, discrete_time=True, **options)
 
 
-def sampled(known, noise=0.02):
+def sampled(known, noise=0.02, inputs=None):
     """A heater and its wall, three recordings of maps; seconds make no difference."""
     rng, given = np.random.default_rng(0), []
     for _ in range(3):
@@ -77,7 +77,7 @@ def sampled(known, noise=0.02):
         noisy = np.array(rows) + noise * rng.standard_normal((120, 2))
         given.append(pd.DataFrame(noisy, columns=["T", "W"]))
     regressor = HybridAutomatonRegressor(2, discrete_time=True, random_state=0, known=known)
-    return regressor.fit(given, [np.arange(120)] * 3)
+    return regressor.fit(given, [np.arange(120)] * 3, inputs=inputs)
 
 
 MAP = np.array([[0.9, 0.08], [0.05, 0.95]])
@@ -110,6 +110,15 @@ def test_maps_are_asked_and_say_what_an_identification_without_would():
     assert "leave out or correct" in found.report_.advice
 
 
+def test_what_is_known_beside_it_makes_an_error_smaller():
+    """That of what is asked is the error of an identification with all else that is known."""
+    known = "T'[T[k]] = 0.9"
+    wrong = sampled([known, "T'[W[k]] = 0.09"]).known_[1]
+    errors = [sampled(one).coef_errors_[0, 0, 2] for one in (known, None)]
+    assert wrong.name == "T'[W[k]] in mode 0"
+    assert wrong.error == pytest.approx(errors[0], rel=1e-2) and errors[0] < 0.97 * errors[1]
+
+
 def test_a_bound_of_maps_holds_and_what_was_found_changes_nothing():
     free = sampled(None)
     value = float(free.coef_[0, 0, 1])
@@ -117,6 +126,24 @@ def test_a_bound_of_maps_holds_and_what_was_found_changes_nothing():
     np.testing.assert_allclose(same.coef_, free.coef_, atol=1e-6)  # to which a descent goes
     bounded = sampled("T'[1] >= 0.2")
     assert bounded.coef_[:, 0, 0].min() == pytest.approx(0.2, abs=1e-9)
+
+
+def test_what_is_known_may_stand_beside_what_nothing_tells():
+    """An input that never changes is a constant: of the two only the sum is told."""
+    steady = pd.DataFrame({"u": np.full(120, 2.0)})
+    found = sampled(["W'[T[k]] = 0.05"], inputs=[steady] * 3)
+    [check] = found.known_
+    assert not check.questioned
+    constant, of_heater, of_wall, of_input = np.moveaxis(found.coef_errors_, 2, 0)
+    assert np.isinf([constant, of_input]).all()
+    assert np.isfinite([of_heater, of_wall]).all() and (of_heater[:, 1] == 0.0).all()
+
+
+@pytest.mark.filterwarnings("ignore::swsysid.MisfitWarning")
+@pytest.mark.parametrize("wrong", ["W' = 2 T[k]", "W' = 0"])
+def test_a_whole_law_that_is_wrong_is_questioned_without_noise(wrong):
+    [check] = sampled([wrong], noise=0.0).known_
+    assert check.questioned and check.p_value < 1e-20
 
 
 def test_maps_without_noise():

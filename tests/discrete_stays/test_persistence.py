@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from swsysid import HybridAutomatonRegressor, MisfitWarning
 from swsysid._discrete_stays.persistence import goes_on
@@ -25,6 +26,13 @@ def test_noise_goes_on_in_one_of_a_thousand():
     """Of 200 draws at most 3: more have a probability of 6e-5 at a level of 1e-3."""
     draws = np.random.default_rng(1).standard_normal((200, 4000, 1))
     assert sum(goes_on(one, NO_BEGINS, 1, np.ones(1)) for one in draws) <= 3
+
+
+def test_what_a_sensor_leaves_in_states_does_not_go_on():
+    """Noise that is remembered for ten rows: of sums of eighty neighbours are alike, by .06."""
+    noise = np.random.default_rng(4).standard_normal(1_000_000)
+    left = lfilter([1.0], [1.0, -np.exp(-0.1)], noise)[:, None]
+    assert not goes_on(left, np.arange(len(left)) == 0, 1, np.array([0.01]))
 
 
 def test_few_rows_tell_nothing():

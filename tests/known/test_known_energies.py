@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from swsysid import Known, SwitchingSystemRegressor, TrajectoryIdentifier, solve_mip
+from swsysid._known.known import check_known
 from swsysid._known.program import Cone, Steps
 from swsysid._losses import LOSSES, get_loss
 from swsysid.diagnosis import switching_verdict
@@ -68,6 +69,27 @@ def test_three_states_on_faces_and_in_corners_of_the_cone(growth, n_zero):
     cp.Problem(cp.Minimize(squares), [law.T @ form + form @ law << 0]).solve(solver="CLARABEL")
     np.testing.assert_allclose(found.reshape(3, 3), law.value, atol=1e-5)  # that of Clarabel
     assert np.sum(rates(found.reshape(3, 3), form) > -1e-6) == n_zero
+
+
+def test_a_full_energy_of_eight_states_is_met():
+    """As close as one of two; with a hundred turns of cuts one is 8e-5 off."""
+    rng, names = np.random.default_rng(1), [f"s{i}" for i in range(8)]
+    for _ in range(3):
+        root = rng.standard_normal((8, 8))
+        form = root @ root.T + 0.1 * np.eye(8)
+        parts = (
+            f"{form[i, j] * (2 - (i == j))} {names[i]} {names[j]}".replace(
+                f"{names[i]} {names[i]}", f"{names[i]}^2"
+            )
+            for i in range(8)
+            for j in range(i + 1)
+        )
+        energy = " + ".join(parts).replace("+ -", "- ")
+        region = Known().dissipates(energy).region(names, names, 1)
+        law, free = rng.standard_normal((1, 8, 8)), np.ones((1, 8, 8), dtype=bool)
+        [moved] = region.nearest(law, free, np.diag(rng.uniform(0.5, 2.0, 64)))
+        size = np.abs(form).max() * np.abs(moved).max()
+        assert rates(moved, form).max() < 1e-7 * size
 
 
 def test_with_speeds_that_are_known_an_energy_is_a_stiffness_and_a_sign():
@@ -136,6 +158,11 @@ def test_sentences_and_refusals():
     known = Known().dissipates("4 x^2 + x v + v^2")
     assert str(known) == "energy 4 x^2 + x v + v^2 never rises"
     assert Known.from_text(str(known)) == known
+    met = [ENERGY, "x'[x] = -1", "v'[v] = -1", "x'[v] = 2", "v'[x] = 0"]
+    assert check_known(met).region(["x", "v"], ["x", "v"], 1).cones
+    # the law of a state without energy may be any
+    partly = check_known(["energy v^2 never rises", "v' has only v, u"])
+    assert partly.region(["x", "v"], ["x", "v", "u", "x v"], 1).box[1][0, 1, 1] == 0.0
     region = Known().dissipates("x^2 + x'^2").region(["x", "x'"], ["1", "x", "x'"], 2)
     assert len(region.cones) == 2
     X, Xdot = rows(60)
@@ -146,6 +173,9 @@ def test_sentences_and_refusals():
         (["energy x^2 never rises", "x' = v"], "cannot hold together"),
         ([ENERGY, "x' = v", "v'[x] = -4"], "cannot hold together"),
         ([ENERGY, "x'[x] = 0.1"], "cannot hold together"),
+        # by no row alone: the matrix is [[-2, 2.1], [2.1, -2]], and with 2 it would be met
+        ([ENERGY, "x'[x] = -1", "v'[v] = -1", "x'[v] = 2.1", "v'[x] = 0"], "cannot hold together"),
+        ([ENERGY, "x'[x] >= -1", "v'[v] >= -1", "x'[v] >= 2.1", "v'[x] >= 0"], "cannot hold"),
     ):
         with pytest.raises(ValueError, match=message):
             SwitchingSystemRegressor(known=sentences).fit(X, Xdot)

@@ -96,4 +96,7 @@ def test_what_was_estimated_is_not_estimated_again_after_a_refutation(declared):
     alone = Search(engine, stretches, library, [0], {}, significance=0.01, most=1, refuted=(found,))
     assert len(fits) < 0.5 * count  # of further candidates fold by fold, and of values
     expected = alone.started(fit.law)
+    free = np.zeros_like(fit.law.declared)
+    told = search.started(Law.of(fit.law.library, free, np.full(free.shape, -0.4)))
+    assert told.models[0].law.coef[0, 0] == -0.4  # another law is asked anew
     assert [one.p_value for one in other.findings] == [one.p_value for one in expected.findings]

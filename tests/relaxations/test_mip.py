@@ -168,6 +168,8 @@ def test_what_is_known_holds_and_the_optimum_is_that_of_enumeration():
         solve_mip(named, y, coef_bound=5.0, known="x'[x] = 6")
     with pytest.raises(ValueError, match="known names the term v"):
         solve_mip(named, y, known="x'[v] = 1")
+    with pytest.raises(ValueError, match="of which y has more than X"):
+        solve_mip(named[["x"]], y, known="x'[x] = 1")
 
 
 def test_what_is_known_holds_when_the_time_is_up():

@@ -110,7 +110,8 @@ def test_a_log_of_a_bus_with_steps_from_line_to_line(tmp_path):
             steps.append(f"{step / 2:.6f} 1 Statistic: D 1 R 0 XD 0 XR 0 E 0 O 0 B 0.00%")
             line = line.replace(first, f"{step / 2:.6f}", 1)
         steps.append(line.replace("timestamps absolute", "timestamps relative"))
-    files[0].write_text("\n".join(steps))
+    about = ["// what was driven, and where: the header comes after it"] * 40
+    files[0].write_text("\n".join([*about, *steps]))
     [stepped] = read_recordings(files, states=["x", "v"])
     np.testing.assert_allclose(stepped["t"], from_start["t"], atol=1e-12)
     np.testing.assert_array_equal(stepped["x"], from_start["x"])
