@@ -15,7 +15,6 @@ import numpy as np
 from swsysid._automaton_search.conditions import with_teller
 from swsysid._automaton_search.guards import (
     GuardTerms,
-    Solved,
     missed_by,
     share_risen,
     surface_both_ways,
@@ -23,7 +22,7 @@ from swsysid._automaton_search.guards import (
 )
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.switches import Switches, Visits, at_samples, switches_of
+from swsysid._automaton_search.switches import Switches, at_samples, switches_of
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
@@ -38,37 +37,32 @@ _MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 
 def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
     """Guards, resets and instants of all transitions."""
-    known = terms, pieces.given.n_positions, Solved()
-    found = _at_samples_or_not(stays, switches_of(stays, pieces), *known)
+    switches, visits = switches_of(stays, pieces)
+    laws, interval = stays.estimate.laws, stays.estimate.nodes.recordings.interval
+    noise, n_positions = stays.reached.noise, pieces.given.n_positions
+    context = GuardContext(visits, laws, noise, interval, terms, n_positions)
+    found_from = _at_samples_or_not if at_samples(stays) else _settled
+    found = found_from(switches, context)
     began = np.full(len(pieces.first), np.nan)
     for one in found:
         own = one.switches
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        found = _at_samples_or_not(stays, switches_of(stays, pieces, began), *known)
+        switches, visits = switches_of(stays, pieces, began)
+        found = found_from(switches, replace(context, visits=visits))
     return found
 
 
-def _at_samples_or_not(
-    stays: StayIdentification,
-    told: tuple[Switches, Visits],
-    terms: GuardTerms,
-    positions: int,
-    solved: Solved,
-) -> list[Settled]:
+def _at_samples_or_not(switches: Switches, context: GuardContext) -> list[Settled]:
     """Guards that rise at the instants, or between samples at which they are asked.
 
     The first must tell each instant better, by a nat: errors that are too small by the same for all
     are as likely as an interval is.
     """
-    found = _settled(stays, told, terms, positions, solved)
-    if not at_samples(stays):
-        return found
-    switches, visits = told
-    interval = stays.estimate.nodes.recordings.interval
-    switches = switches.asked_at_samples(interval)
-    asked = _settled(stays, (switches, visits), terms, positions, solved)
+    interval = context.interval
+    found = _settled(switches, context)
+    asked = _settled(switches.asked_at_samples(interval), context)
     if nats_of(found, interval) + len(switches) <= nats_of(asked, interval):
         return found
     return [replace(one, asked_at_samples=not one.switches.jumped.all()) for one in asked]
@@ -86,18 +80,8 @@ def nats_of(found: Sequence[Settled], interval: float) -> float:
     )
 
 
-def _settled(
-    stays: StayIdentification,
-    told: tuple[Switches, Visits],
-    terms: GuardTerms,
-    positions: int,
-    solved: Solved,
-) -> list[Settled]:
-    switches, visits = told
-    interval = stays.estimate.nodes.recordings.interval
-    context = GuardContext(
-        visits, stays.estimate.laws, stays.reached.noise, interval, terms, positions, solved
-    )
+def _settled(switches: Switches, context: GuardContext) -> list[Settled]:
+    """All transitions, with one surface for two opposite ones where that costs less."""
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
         (source, target): settled(
