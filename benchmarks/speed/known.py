@@ -1,4 +1,4 @@
-"""Vector fields within what is known, for given labels: beside those without, and by cvxpy."""
+"""Fits within what is known, for given labels and whole: beside those without, and by cvxpy."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 
 import cvxpy as cp
 import numpy as np
+import pandas as pd
 from sklearn.preprocessing import PolynomialFeatures
 
 from benchmarks.goals import Goal
 from benchmarks.speed.case import Case
 from benchmarks.speed.problems import N_PAPER
-from swsysid import Known
+from swsysid import Known, SwitchingSystemRegressor
 from swsysid._identification.within import Rows, estimate_within
 from swsysid._known.region import Region
 from swsysid._losses import get_loss
@@ -45,6 +46,14 @@ def known(options) -> Iterator[Case]:
                 yield Case(
                     f"{what}: cvxpy and Clarabel", within, general, Goal(at_least=10), note=gap
                 )
+    n_samples = int(options.largest)
+    yield Case(
+        f"whole fit within two laws and a tie, N = {n_samples:.0g}: without it",
+        _whole(n_samples, ["x' = v", "v'[v] same in all modes", "v'[u] = 0.5"]),
+        _whole(n_samples, None),
+        Goal(at_most=2.0),
+        faster=False,
+    )
 
 
 _TERMS = ["1", "x", "v", "x^2", "x v", "v^2", "x^3", "x^2 v", "x v^2", "v^3"]
@@ -62,6 +71,16 @@ def _rows(n_samples: int) -> tuple[Rows, np.ndarray]:
     targets = np.einsum("isf,if->is", coef[modes], features)
     targets += 0.1 * rng.laplace(size=targets.shape)
     return Rows(features, targets, np.ones(n_samples)), modes
+
+
+def _whole(n_samples: int, sentences: list[str] | None) -> Callable[[], object]:
+    """A fit of an oscillator whose spring is four times as stiff on one side, driven by u."""
+    rng = np.random.default_rng(0)
+    rows = pd.DataFrame(rng.uniform(-2.0, 2.0, (n_samples, 3)), columns=["x", "v", "u"])
+    stiffness = np.where(rows.x > 0.0, 4.0, 1.0)
+    rates = np.column_stack([rows.v, 0.5 * rows.u - stiffness * rows.x - 0.1 * rows.v])
+    rates += 0.3 * rng.standard_normal(rates.shape)
+    return lambda: SwitchingSystemRegressor(known=sentences, random_state=0).fit(rows, rates)
 
 
 def _free(rows: Rows, modes: np.ndarray) -> Callable[[], object]:
