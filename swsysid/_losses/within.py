@@ -162,7 +162,9 @@ class _Deviations:
         own = list(zip(parts, np.split(level, ends), np.split(N, ends), strict=True))
         start = self.start
         design = [part.design if alone else part.design @ basis for part, _, basis in own]
-        target = [part.target - part.design @ at for part, at, _ in own]
+        target = [
+            part.target - part.design @ at if at.any() else part.target for part, at, _ in own
+        ]
         fit = least_absolute_deviations(
             _light_first(design, parts),
             _light_first(target, parts)[:, None],
