@@ -1,9 +1,9 @@
 """Recordings as a README of the measured sets declares them, one call each, nothing chosen.
 
 Sets of SWSYSID_DATA that a README describes by a law of rates or of a force: which states and
-inputs, what the law lacks, and how sure that is. The first effect that is named is compared with
-what is lacking; every further one must be lacking as well. Errors are those of free rollouts of the
-first state on what the search holds out, or of the force.
+inputs, what the law lacks, and how sure that is. The first effect that is found is compared with
+what is lacking; every further one that has a name must be lacking as well. Errors are those of free
+rollouts of the first state on what the search holds out, or of the force.
 """
 
 from __future__ import annotations
@@ -43,10 +43,15 @@ def searched(name: str) -> ByDefault:
     search = EffectSearchCV(estimator).fit(X, **options)
     seconds = process_time() - started
     errors = [model["held_out"][0] for model in search.report_["errors"]]
-    found = ", ".join(f"{effect.kind} of {effect.place}" for effect in search.effects_)
-    verdict = verdict_of([effect.kind for effect in search.effects_], right)
-    if search.effects_ and search.effects_[0].doubts:
-        found, verdict = f"no name, nearest {found}", f"{verdict}, unsure"
+    # what is called nearest names nothing; a first one is compared all the same
+    named = [effect for k, effect in enumerate(search.effects_) if not (k and effect.doubts)]
+    verdict = verdict_of([effect.kind for effect in named], right)
+    if named and named[0].doubts:
+        verdict = f"{verdict}, unsure"
+    found = ", ".join(
+        f"{'no name, nearest ' if effect.doubts else ''}{effect.kind} of {effect.place}"
+        for effect in search.effects_
+    )
     error = float(errors[0]), float(errors[-1])
     return ByDefault(name, lacks, "search", found or "nothing", verdict, *error, hand, seconds)
 

@@ -126,7 +126,7 @@ class ByDefault:
     data, lacks, estimator : str
         Name of the set, what its README says that the declared law lacks, and what was called.
     found, verdict : str
-        Kinds and places of the effects, or the modes; "right" where all of them are lacking,
+        Kinds and places of the effects, or the modes; "right" where what has a name lacks,
         "partly" where the first one is, "wrong" where it is not, or "nothing"; "unsure" where the
         first line of the report gives no name.
     before, after : float

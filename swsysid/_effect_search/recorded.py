@@ -197,6 +197,8 @@ class RecordedOutcome:
             measured,
         )
         added = [named(one.effect.kind, one.label(records.names)) for one in terms]
+        # what was refuted with other values than it was found with later is found
+        kept = {in_words(one, records) for one in terms}
         report = replace(
             report,
             n_search=len(search.stretches.rows),
@@ -211,7 +213,9 @@ class RecordedOutcome:
             tried=tuple(
                 tried_in_words(one, records)
                 for one in self.tried
-                if one.p_value <= search.significance and (one.after < one.before).any()
+                if in_words(one.candidate, records) not in kept
+                and one.p_value <= search.significance
+                and (one.after < one.before).any()
             ),
             unsure=None if self.unsure is None else _unsure_in_words(self.unsure, records),
             alarms=tuple(alarms),

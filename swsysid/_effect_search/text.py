@@ -10,7 +10,6 @@ from swsysid._effect_search.contents import EffectContents, EffectData
 from swsysid._effect_search.rollouts import Rollout, errors_of_all
 from swsysid._effect_search.settings import REPORT
 from swsysid._effect_search.words import (
-    NO_NAME,
     Units,
     aside,
     briefly,
@@ -18,7 +17,9 @@ from swsysid._effect_search.words import (
     error,
     explained,
     first_of,
+    has_a_name,
     interval,
+    joined,
     judged,
     judged_unit,
     judged_with_unit,
@@ -58,13 +59,16 @@ def _outcome(report: EffectContents, units: Units) -> str:
         return f"Nothing was searched: the record is too short to hold any of it out. {enough}"
     if not report.effects:
         return _nothing_found(report)
-    first, others = report.effects[0], len(report.effects) - 1
-    more = f" (and {others} more effect{'s' if others > 1 else ''})" if others else ""
-    if NO_NAME in first.doubts:
+    first = report.effects[0]
+    if not has_a_name(first):
         return nearest(report, units)
+    named = sum(map(has_a_name, report.effects)) - 1
+    parts = [f"{named} more effect{'s' if named > 1 else ''}"] * (named > 0)
+    parts += ["what these data do not name"] * (len(report.effects) > 1 + named)
+    more = f" (and {joined(parts)})" if parts else ""
     weak = ", weak evidence" if first.doubts else ""
     name = f"{effect_title(first, report)}{when(first)}, {probability(first.p_value)}{weak}{more}"
-    fall = _fall(report, "with them" if others else "with it", units)
+    fall = _fall(report, "with them" if parts else "with it", units)
     return f"{name[:1].upper()}{name[1:]}: {fall}."
 
 

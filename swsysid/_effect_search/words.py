@@ -43,9 +43,15 @@ def title(kind: str, place: str, law: str, mode: int | None) -> str:
 
 
 def effect_title(effect: FoundEffect | Rival, report: EffectContents) -> str:
-    """`title` of an effect that was found, or of its rival."""
+    """`title` of an effect that was found, or of its rival; what is no name is called nearest."""
     law = law_of(report.targets[effect.target], report)
-    return title(effect.kind, effect.place, law, effect.mode)
+    told = title(effect.kind, effect.place, law, effect.mode)
+    return told if isinstance(effect, Rival) or has_a_name(effect) else f"no name, nearest {told}"
+
+
+def has_a_name(effect: FoundEffect) -> bool:
+    """Whether it explains more than is left: p-values speak against nothing, not for a name."""
+    return NO_NAME not in effect.doubts
 
 
 def when(effect: FoundEffect) -> str:
@@ -109,15 +115,16 @@ def nearest(report: EffectContents, units: Units) -> str:
     state, _ = largest_fall(report, *errors[:2])
     unit = judged_unit(report, state, units)
     own = f"{named(first.kind, first.place)}{when(first)}"
-    told = {own: f" (in the model, {probability(first.p_value)})"}
+    told = {own: " (in the model)"}
     tried = [(first.error_after, own)]
     tried += [(one.error, named(one.kind, one.place)) for one in first.rivals]
     near = [f"{name} {size:.4g}{told.get(name, '')}" for size, name in sorted(tried)]
     more = f"; with {others} more in the model {errors[-1][state]:.4g}" if others else ""
     return (
-        f"{law_of(report.targets[first.target], report)} lacks something that these data do not "
-        f"name. Nearest, by the held-out error of {rate_of(report, state)}, which is "
-        f"{first.error_before:.4g}{unit and f' {unit}'} without: {', '.join(near)}{more}"
+        f"{law_of(report.targets[first.target], report)} lacks something "
+        f"({probability(first.p_value)}) that these data do not name. Nearest, by the held-out "
+        f"error of {rate_of(report, state)}, which is {first.error_before:.4g}"
+        f"{unit and f' {unit}'} without: {', '.join(near)}{more}"
         f"{explained(report, state)}."
     )
 

@@ -223,8 +223,7 @@ class Search:
     def _models(self, now: Model, fits: Sequence[Fit]) -> Iterator[Model]:
         """Laws that fit best, fold by fold, if every fold tells all of their coefficients.
 
-        What explains less of its own stretches than half of what a name does of unseen ones is not
-        as good as that one, and is not asked.
+        What explains less of its own than half of what a name surely does of unseen ones is not.
         """
         series, most = self.stretches.series, 0.0
         for fit in sorted(fits, key=cost):
@@ -233,7 +232,8 @@ class Search:
                 continue
             with suppress(LinAlgError):
                 model = self._known(fit, "by folds", partial(self.model, fit))
-                if not (model.is_nameless or self.values.are_at_an_end(fit)):
+                is_sure = self._pays(now, model, self.significance)
+                if is_sure and not (model.is_nameless or self.values.are_at_an_end(fit)):
                     most = max(most, self.gain(now, model).share)
                 yield model
 

@@ -172,8 +172,22 @@ class Trigonometric(_Wave):
     meaning = "a force periodic in {channel} acts on {target}: cogging, ripple or gravity"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        width = spread(records.channel(place)) or 1.0
-        return (Parameter("wavenumber", np.geomspace(np.pi, 12.0 * np.pi, 32) / width),)
+        """Half a period to six in the range, none that the channel's values are too few for.
+
+        At values g apart a wave of the number k is one of 2 pi / g - k as well: an input in steps
+        shows no wave between them.
+        """
+        values = records.channel(place)
+        waves = np.geomspace(np.pi, 12.0 * np.pi, 32) / (spread(values) or 1.0)
+        return (Parameter("wavenumber", waves[waves * _usual_gap(values) < np.pi]),)
+
+
+def _usual_gap(values: Array) -> float:
+    """Between neighbouring values, without the outermost hundredths: half the range has larger."""
+    low, high = np.quantile(values, [0.01, 0.99])
+    gaps = np.sort(np.diff(np.unique(values[(values >= low) & (values <= high)])))
+    covered = np.cumsum(gaps)
+    return float(gaps[np.searchsorted(covered, 0.5 * covered[-1])]) if len(gaps) else 0.0
 
 
 class Ripple(_Wave):

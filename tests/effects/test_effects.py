@@ -77,6 +77,20 @@ def test_stribeck_and_sine_by_hand():
     assert told == pytest.approx({"wavenumber": 2.0, "amplitude": 5.0, "phase": np.arctan2(4, 3)})
 
 
+def test_an_input_in_steps_shows_no_wave_between_its_levels():
+    """Waves whose numbers differ by 2 pi over the step are one at such values: one of them is."""
+    steps, gap = np.repeat(np.arange(6.0), 20)[:, None] * 0.1, 0.1
+    (waves,) = Trigonometric().parameters(records(steps), 0)
+    assert len(waves.values) and waves.values.max() < np.pi / gap
+    slow, fast = (
+        Trigonometric().columns(records(steps), 0, one)
+        for one in (waves.values[0], 2.0 * np.pi / gap + waves.values[0])
+    )
+    np.testing.assert_allclose(slow, fast, atol=1e-12)  # both columns, sine and cosine
+    (dense,) = Trigonometric().parameters(records(np.linspace(0.0, 0.5, 120)[:, None]), 0)
+    assert len(dense.values) == 32
+
+
 def test_monomials_have_the_places_of_their_factors():
     data = records([[2.0, 3.0]])
     assert Polynomial().columns(data, (0, 0, 1)).item() == 12.0

@@ -62,7 +62,8 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   fewer, ends a search and not the fit (`_stays`);
 # - a placed effect says which channels it names (`effects`, which `_effect_model` did);
 # - what explains less than is left gets no name: what else was tried in its place is kept
-#   (`_output_error`) and listed by its held-out error (`_effect_search`);
+#   (`_output_error`) and listed by its held-out error, and what comes after a name is called
+#   nearest (`_effect_search`); inputs in steps show no wave between them (`effects`);
 # - names that stand twice, a version of no unit and files of one row are refused (`_cli`), and a
 #   start that has not as many numbers as the model has states; options by what they are for;
 # - runs that look alike share a line, a log of a bus that is cut is said to be (`_tables`);
@@ -86,14 +87,13 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   maps, which are asked (`_discrete_stays/knowledge`, a file; `_automaton_search`).
 # - what searches have estimated is kept for those after a refutation, and what chance may explain
 #   is told with how much more would tell (`_output_error`; `_effect_search`, whose memory of last
-#   answers is in `top`); several laws are asked of as many rows as one law is (`_cli`).
 #   answers is in `top`); several laws are asked of as many rows as one law is (`_cli`);
 # - an energy that contradicts what else is known is refused (`_known`), what known equalities leave
 #   untold has no covariance (`_stays`), and instants are compared in intervals
 #   (`_automaton_search`);
 MOST_LINES = {
     "_automaton": 3460,
-    "_automaton_search": 5610,
+    "_automaton_search": 5600,
     # - SpaceEx locations in which no time passes, or nothing can be (`_automaton/spaceex_pruning`);
     #   instants that lie on samples (`_automaton_search`), and what drives states and is no noise
     #   (`_discrete_stays/persistence`).
@@ -105,8 +105,8 @@ MOST_LINES = {
     "_discrete_stays": 2520,
     "_displays": 1610,
     "_effect_model": 2420,
-    "_effect_search": 9150,
-    "effects": 4010,
+    "_effect_search": 9160,
+    "effects": 4020,
     "exporting": 3330,
     "_free_rollouts": 900,
     "_identification": 2960,

@@ -1,9 +1,12 @@
 """What explains the lesser part of an error is not named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid._effect_search.words import NO_NAME, probability
 from swsysid.effects import Lag, Polynomial
 
 NOISE = 0.01
@@ -41,5 +44,13 @@ def test_a_name_is_given_where_it_explains_more_than_is_left(recording, library)
     assert first.kind == "lag"
     assert is_minor == (len(library) == 1)
     assert bool(first.doubts) == is_minor
-    assert ("lacks something that these data do not name" in report.summary) == is_minor
+    assert ("that these data do not name" in report.summary) == is_minor
     assert f"{first.error_before:.4g}" in report.summary
+    if is_minor:  # chance speaks against nothing at all, and not for a name
+        assert f"x0' lacks something ({probability(first.p_value)})" in report.summary
+        return
+    last = replace(report.effects[-1], doubts=(NO_NAME,))
+    other = replace(report, effects=(*report.effects[:-1], last))
+    assert len(report.effects) == 2 and "(and 1 more effect)" in report.summary
+    assert "(and what these data do not name)" in other.summary
+    assert f"2. no name, nearest {last.kind}" in str(other)
