@@ -60,8 +60,8 @@ class Searched:
 
     def with_one_more(self, model: Model, finding: Finding) -> Searched:
         """The same with one effect more, if it is likely."""
-        if not self.search.is_likely(finding):
-            return replace(self, unsure=finding)
+        if not self.search.is_likely(finding):  # evidence against it does not grow to be for it
+            return replace(self, unsure=finding if finding.longer > 0.0 else None)
         return Searched(self.search, (*self.models, model), (*self.findings, finding))
 
     @property

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lsim
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
-from swsysid.effects import CoulombFriction, QuadraticDrag
+from swsysid.effects import CoulombFriction, Polynomial, QuadraticDrag, TimeInterval
 
 NOISE = 0.5
 
@@ -52,3 +52,19 @@ def test_what_chance_may_explain_is_told_with_how_much_more_would_tell():
     assert near["longer"] == pytest.approx(1.0 + (np.log(near["p_value"]) - np.log(most)) / nats)
     assert 0.5 < near["share"] < 1.0
     assert report.summary.startswith("No effect is sure. Nearest is quadratic drag of x0 in x0'")
+
+
+def test_a_longer_record_is_no_promise_of_what_the_evidence_is_against():
+    """A curve beneath what drifts as much: more of it would speak for no monomial."""
+    rng, n = np.random.default_rng(1), 800
+    u = np.repeat(rng.integers(-1, 2, n // 20), 20).astype(float)
+    level, drift, steps = np.linspace(1.0, 0.0, n), np.zeros(n), rng.standard_normal(n)
+    for k in range(1, n):
+        drift[k] = 0.98 * drift[k - 1] + 0.002 * steps[k]
+    y = 3.0 + 0.2 * u + 0.8 * level + 0.15 * (level - 0.5) ** 2 + drift
+    y += 0.002 * rng.standard_normal(n)
+    declared = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    search = EffectSearchCV(declared, effects=[TimeInterval(), Polynomial()])
+    report = search.fit(np.column_stack([u, level]), y, t=np.arange(float(n))).report_
+    assert not report.effects and report.unsure is None
+    assert "more of such a record" not in report.summary
