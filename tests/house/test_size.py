@@ -102,7 +102,7 @@ MOST_LINES = {
     "_data": 2340,
     "datasets": 2510,
     "differentiation": 1610,
-    "_discrete_stays": 2520,
+    "_discrete_stays": 2530,
     "_displays": 1610,
     "_effect_model": 2420,
     "_effect_search": 9150,

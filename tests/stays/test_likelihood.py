@@ -12,6 +12,7 @@ from scipy.linalg import expm
 
 from swsysid._data.features import FeatureMap
 from swsysid._data.recordings import Record
+from swsysid._stays.descent import Reached
 from swsysid._stays.guards import Guards
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective
@@ -386,3 +387,15 @@ def test_a_node_that_an_instant_passes_goes_with_the_flow():
         else:
             x[k] = flown(COEF[mode if k < 10 else 0], x[k - 1], u[k - 1], slopes[k - 1], 0.1)[0]
     np.testing.assert_allclose(moved.states[passed], x[passed], rtol=1e-5, atol=1e-7)
+
+
+def test_an_estimate_is_judged_by_other_crossings_only_where_they_are_others():
+    case = Case(with_guards=True)
+    reached = Reached(case.estimate, Objective(NOISE, 0.3, 0.1), 7.0)
+    assert reached.with_crossings(0.1) is reached  # its value is taken as it is
+    for guard_time in (0.05, 0.3):
+        other = reached.with_crossings(guard_time)
+        objective = Objective(NOISE, 0.3, guard_time)
+        assert other.value == pytest.approx(objective.value(case.estimate), rel=1e-12)
+    without = Reached(CASES["even"].estimate, Objective(NOISE, 0.3, 0.1), 7.0)
+    assert without.with_crossings(0.05) is without
