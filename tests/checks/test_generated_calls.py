@@ -7,7 +7,6 @@ import pytest
 from oddities import ODDITIES, drawn
 from outcomes import ending
 
-
 FOUND = (858, 2679)  # at night: recordings at rest
 
 
