@@ -53,8 +53,8 @@ ROOMS = {
     "_stays": "stays",
 }
 LIKELIHOOD = set(
-    "arrow condensed decoding descent filtering flow lifted nodes samples segments sensitivities "
-    "weighted".split()
+    "arrow condensed decoding descent equations filtering flow lifted nodes samples segments "
+    "sensitivities weighted".split()
 )
 # Changes that somebody could have typed: no shift of a float, no `is` of two numbers.
 ARITHMETIC = {"Add", "Sub", "Mul", "Div", "Pow"}

@@ -48,6 +48,7 @@ exclude_patterns = [
     "faults_table.md",
     "mutations_table_0.md",
     "mutations_table_1.md",
+    "mutations_table_3.md",
     "fresh_table.md",
     "laboratory_table.md",
     "sensitivity_table.md",

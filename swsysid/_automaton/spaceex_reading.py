@@ -37,7 +37,7 @@ from swsysid._automaton.spaceex_network import (
 )
 from swsysid._automaton.spaceex_pruning import without_contradictions, without_instants
 from swsysid._automaton.stating import constants_of
-from swsysid._checks.parameters import flag, shown
+from swsysid._checks.parameters import bytes_of, flag, shown
 from swsysid.exporting._text import identifiers
 
 _ASSIGNED = re.compile(r"(\w+)\s*('?)\s*(:=|==|=)\s*(.+)", re.DOTALL)
@@ -71,8 +71,8 @@ def read_spaceex(
     """
     beside = Path(path).with_suffix(".cfg") if settings is None else Path(settings)
     is_told = settings is not None or beside.is_file()
-    told = read_settings(beside.read_text(encoding="utf-8", errors="replace") if is_told else "")
-    read = read_component(Path(path).read_bytes(), component or told.system)
+    told = read_settings(bytes_of(beside).decode("utf-8", errors="replace") if is_told else "")
+    read = read_component(bytes_of(path), component or told.system)
     constants = read.of_kind("constant")
     values = told.constants(constants, constants_of(parameters))
     _check_constants(constants, values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,16 +70,35 @@ def block_of_rows(X: object, y: object) -> tuple[Array, Array]:
     return rows, targets
 
 
+class FittedLater:
+    """Asked too early for what `fit` stores, an estimator says that it is not fitted.
+
+    NotFittedError is an AttributeError: whether it is there may be asked as ever.
+    """
+
+    if not TYPE_CHECKING:  # to which every name would be one
+
+        def __getattr__(self, name):
+            is_stored = name.endswith("_") and not name.startswith("_")
+            if is_stored and not any(one.endswith("_") and one[0] != "_" for one in vars(self)):
+                raise _not_fitted(self)
+            return object.__getattribute__(self, name)  # in its own words
+
+
 def check_fitted(estimator: BaseEstimator, attribute: str | None = None) -> None:
     """Refuse what is no estimator, and one that has not been fitted."""
     try:
         check_is_fitted(estimator, attribute)
     except NotFittedError:
-        raise NotFittedError(
-            f"this {type(estimator).__name__} is not fitted yet; call fit with data first."
-        ) from None
+        raise _not_fitted(estimator) from None
     except TypeError:
         raise TypeError(f"{shown(estimator)} is not an estimator; give a fitted one.") from None
+
+
+def _not_fitted(estimator: object) -> NotFittedError:
+    return NotFittedError(
+        f"this {type(estimator).__name__} is not fitted yet; call fit with data first."
+    )
 
 
 # Rows of an estimator: with `reset` those that it is fitted to, else those of which it is asked

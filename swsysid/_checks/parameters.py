@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Callable, Iterable, Sequence
 from numbers import Integral, Real
+from pathlib import Path
 from typing import TypeGuard, TypeVar
 
 import numpy as np
@@ -143,6 +145,24 @@ def random_numbers(value: object) -> np.random.RandomState:
     from sklearn.utils import check_random_state
 
     return check_random_state(value)
+
+
+def bytes_of(path: str | os.PathLike[str]) -> bytes:
+    """What a file holds; where there is none, the usual exception with a sentence.
+
+    Examples
+    --------
+    >>> bytes_of("nowhere.xml")
+    Traceback (most recent call last):
+        ...
+    FileNotFoundError: There is no file nowhere.xml; check its name.
+    """
+    try:
+        return Path(path).read_bytes()
+    except FileNotFoundError as error:
+        raise type(error)(f"There is no file {path}; check its name.") from None
+    except IsADirectoryError as error:
+        raise type(error)(f"{path} is a folder; name a file in it.") from None
 
 
 def shown(value: object) -> str:

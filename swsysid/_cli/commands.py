@@ -266,6 +266,8 @@ def _write(path: str, names: Sequence[str], columns: Sequence[NDArray]) -> None:
 
 def of_a_path(error: OSError) -> str:
     """What is wrong with a path, in a sentence."""
+    if error.filename is None:  # it is one
+        return str(error)
     place = Path(str(error.filename))
     if isinstance(error, FileNotFoundError):
         missing = "file" if place.parent.is_dir() else "folder"

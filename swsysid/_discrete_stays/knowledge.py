@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from swsysid._discrete_stays.identify import DiscreteStays
 from swsysid._discrete_stays.states import LawsAndStates, StateProblem
-from swsysid._known.checks import GuardDoubt, KnownCheck, Released, checks
+from swsysid._known.checks import GuardDoubt, KnownCheck, Released, checks, least_unit
 from swsysid._known.region import Region
 from swsysid._known.sentences import Guard
 from swsysid._results import Array
@@ -109,7 +109,8 @@ class MapFit:
         steps = region.steps(self.coef, self.free)
         step = steps.least(held, right)
         gain = float(right @ step - 0.5 * step @ held @ step)
-        unit = max(2.0 * (value - gain) / self.freedom, np.finfo(float).tiny)
+        least = least_unit(matrix, self.coef.ravel(), self.freedom, LIMITS.rounding)
+        unit = max(2.0 * (value - gain) / self.freedom, least)
 
         def covariance() -> Array:
             return covariance_of(matrix, steps.at_bounds(held))

@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 
 from swsysid._checkpoints import checkpointed
-from swsysid._checks.estimators import check_fitted, rows_and_velocities
+from swsysid._checks.estimators import FittedLater, check_fitted, rows_and_velocities
 from swsysid._checks.parameters import function, jobs, random_numbers, real, verbosity, whole
 from swsysid._data.records import Records
 from swsysid._effect_model.declared import Declared
@@ -52,7 +52,7 @@ def _of_the_best(method: Callable[..., Answer]) -> Callable[..., Answer]:
     return call
 
 
-class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, BaseEstimator):
+class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater, BaseEstimator):
     r"""Find the effects that a declared model lacks, and add them.
 
     The declared model is fitted, and every effect of a library is tried on what it leaves over:

@@ -74,6 +74,14 @@ class Released(NamedTuple):
     covariance: Callable[[], Array]  # of the free coefficients, at a unit of one
 
 
+def least_unit(matrix: Array, coef: Array, freedom: float, exactly: float) -> float:
+    """Mean square that is left at least: what laws say is known to a share of it, `exactly`.
+
+    Of data without noise rounding and the steps of an integration are left, which are no evidence.
+    """
+    return max(exactly**2 * float(coef @ matrix @ coef) / freedom, float(np.finfo(float).tiny))
+
+
 class GuardDoubt(NamedTuple):
     """What data would rather have of a surface, and how surely."""
 

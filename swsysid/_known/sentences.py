@@ -262,6 +262,11 @@ class Energy:
             i, j = places[_usual(part.term)]
             form[i, j] += 0.5 * part.weight
             form[j, i] += 0.5 * part.weight
+        if not form.any():
+            raise ValueError(
+                f'known="{self}" says nothing: all of its numbers are zero, and no law makes zero '
+                "rise; leave it out or give them."
+            )
         return form
 
     def cone(self, names: Names, mode: int) -> Array:

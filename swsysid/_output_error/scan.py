@@ -299,21 +299,29 @@ class RolloutScore:
         inverse = inverse / unit / unit[:, None]
         gains = np.zeros(len(trials))
         for some in _at_once(responses):
-            own_moves = [responses[k] for k in some]
-            counts = [move.shape[1] for move in own_moves]
-            targets = np.repeat([trials[k].target for k in some], counts)
-            border, beside, of_gaps = self._rows(targets, np.hstack(own_moves))
-            reached = cho_solve_banded((self.band, True), border, check_finite=False)
-            across = beside - self.arrow.border.T @ reached
-            left = of_gaps - border.T @ own[:, -1] - across.T @ (inverse @ gradient)
-            start = 0
-            for k, move in zip(some, own_moves, strict=True):
-                theirs = slice(start, start + move.shape[1])
-                start = theirs.stop
-                alone = move.T @ (self.square[:, None] * move) / self.noise[trials[k].target] ** 2
-                block = alone - border[:, theirs].T @ reached[:, theirs]
-                block = block - across[:, theirs].T @ inverse @ across[:, theirs]
-                gains[k] = explained(block, left[theirs], np.diag(alone))
+            beyond = own[:, -1], inverse, inverse @ gradient
+            chosen = [trials[k].target for k in some], [responses[k] for k in some]
+            gains[some] = self._gains_of_some(*chosen, *beyond)
+        return gains
+
+    @step
+    def _gains_of_some(
+        self, chosen: Sequence[int], moves: Sequence[Array], own: Array, inverse: Array, law: Array
+    ) -> Array:
+        """Of some trials, from what nodes and the law would do alone."""
+        counts = [move.shape[1] for move in moves]
+        border, beside, of_gaps = self._rows(np.repeat(chosen, counts), np.hstack(moves))
+        reached = cho_solve_banded((self.band, True), border, check_finite=False)
+        across = beside - self.arrow.border.T @ reached
+        left = of_gaps - border.T @ own - across.T @ law
+        gains, start = np.zeros(len(moves)), 0
+        for k, (target, move) in enumerate(zip(chosen, moves, strict=True)):
+            theirs = slice(start, start + move.shape[1])
+            start = theirs.stop
+            alone = move.T @ (self.square[:, None] * move) / self.noise[target] ** 2
+            block = alone - border[:, theirs].T @ reached[:, theirs]
+            block = block - across[:, theirs].T @ inverse @ across[:, theirs]
+            gains[k] = explained(block, left[theirs], np.diag(alone))
         return gains
 
     def _rows(self, targets: Rows, moves: Array) -> tuple[Array, Array, Array]:

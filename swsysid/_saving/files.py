@@ -20,7 +20,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from swsysid._automaton.documents import FORMAT as AUTOMATON
 from swsysid._automaton.model import HybridAutomaton
-from swsysid._checks.parameters import names_of_columns, shown
+from swsysid._checks.parameters import bytes_of, names_of_columns, shown
 from swsysid._pipelines import switching_step
 from swsysid._results import Array
 from swsysid._saving.classes import name_of
@@ -239,7 +239,7 @@ def _check_recording(recording: object) -> None:
 def _content(path: Path) -> dict[str, Any]:
     """The checked outer part of a file."""
     try:
-        content = json.loads(path.read_bytes().decode("utf-8"), parse_constant=_no_constant)
+        content = json.loads(bytes_of(path).decode("utf-8"), parse_constant=_no_constant)
     except (ValueError, RecursionError):
         content = None
     if isinstance(content, dict) and content.get("format") == AUTOMATON:

@@ -190,7 +190,7 @@ class FlowFilter:
             change = np.square((gradient * jump[..., slide]).sum(axis=0))
             squares = np.minimum(np.square(value) / variance, _MOST_SQUARES)
             change = np.maximum(change, np.finfo(float).tiny)
-            entered = -0.5 * (squares + np.log(2.0 * np.pi * variance / change))
+            entered = -0.5 * (squares + np.log(2.0 * np.pi * variance) - np.log(change))
             nats[..., slide] = np.where(modes != slide, entered, 0.0)
         return nats
 

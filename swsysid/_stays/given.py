@@ -13,7 +13,7 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._checks.arrays import column, names_of, refuse_vanishing, table
+from swsysid._checks.arrays import column, names_of, other_names, refuse_vanishing, table
 from swsysid._checks.parameters import shown
 from swsysid._data.recordings import Hold, Record
 from swsysid._data.trajectories import (
@@ -240,17 +240,16 @@ def _of_rows(where: str, x: object, t: object, groups: object, inputs: object) -
         whole = len(found) == 1 and where.removeprefix(" of ")
         _check_times(whole or f"recording {label!r}{where}", times[rows], y[rows])
     records = [Record.of(times[rows], y[rows], u[rows]) for _, rows in found]
-    named = [
-        names_of(given, width, "")
-        for given, width in ((x, y.shape[1]), (inputs, u.shape[1]))
-        if width
-    ]
-    has_names = all(names != names_of(None, len(names), "") for names in named)
+    parts = [(x, y.shape[1]), (inputs, u.shape[1])]
+    has_names = any(names_of(one, n, "") != names_of(None, n, "") for one, n in parts)
+    usual = names_of(None, y.shape[1] + u.shape[1], "x")
+    placed = zip(parts, (usual[: y.shape[1]], usual[y.shape[1] :]), strict=True)
+    names = [other_names(one, own) or own for (one, _), own in placed]  # those of their place
     return Given(
         records,
         [rows for _, rows in found],
         [label for label, _ in found],
-        sum(named, []) if has_names else None,
+        sum(names, []) if has_names else None,
     )
 
 

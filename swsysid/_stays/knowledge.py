@@ -143,7 +143,9 @@ class _StayFit:
     def unit(self) -> tuple[float, float]:
         """Mean square of what is left, in units of the noise; samples that count as one."""
         left = misfits(self.reached.estimate) / self.reached.noise
-        return float(np.nansum(np.square(left)) / self.freedom), counted_as_one(self.reached)
+        # exact recordings leave nothing; what a descent leaves undone is no evidence of anything
+        squares = max(float(np.nansum(np.square(left))), 2.0 * self.again.settings.converged)
+        return squares / self.freedom, counted_as_one(self.reached)
 
     @property
     def freedom(self) -> float:

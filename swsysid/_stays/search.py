@@ -373,8 +373,10 @@ class Search:
         """The same of most recordings, where some may have been told wrongly."""
         n_channels = self.given.n_channels
         left = np.square(misfits(found.estimate) / self.base.noise)[..., :n_channels]
-        seen = np.isfinite(left).any(axis=(0, 2))
-        return float(np.sqrt(np.median(np.nanmean(left[:, seen], axis=0), axis=0).max()))
+        counts = np.isfinite(left).sum(axis=0)  # a recording may lack a channel
+        means = np.nansum(left, axis=0) / np.maximum(counts, 1)
+        usual = [np.median(own[n > 0]) for own, n in zip(means.T, counts.T, strict=True) if n.any()]
+        return float(np.sqrt(max(usual)))
 
     def excess(self, found: StayIdentification, left: Array | None = None) -> Array:
         """What is `left`, or by the rollouts, by the noise that differences show, (n_channels,)."""

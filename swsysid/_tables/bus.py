@@ -43,7 +43,7 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
                 told.append(f"The log is cut: {there:,} of its {whole:,} bytes are there.")
         elif path.suffix.lower() == ".asc":
             text = path.read_text(encoding="utf-8", errors="replace")
-            log = can.ASCReader(io.StringIO(_from_the_start(text)))
+            log = can.ASCReader(io.StringIO(_from_the_start(path.name, text)))
         else:
             log = opened.enter_context(can.LogReader(str(path)))
         for frame in log:
@@ -78,13 +78,25 @@ def read_bus(path: Path, described: Sequence[Path]) -> Iterator[Table]:
         yield on_clock(path, np.array(t), columns, units, [*told, *words])
 
 
-def _from_the_start(log: str) -> str:
+def _from_the_start(name: str, log: str) -> str:
     """An .asc log with times from its start, also where it holds steps from line to line.
 
     Of those python-can makes times, and lines that it skips have steps, too.
     """
     told = re.search(r"(?im)^base\s.*timestamps\s+(\w+)", log)
-    if told is None or told[1].lower() != "relative":
+    kind = "absolute" if told is None else told[1].lower()
+    if kind not in ("absolute", "relative"):
+        raise TableError(
+            f"{name} has timestamps {kind!r}; its head must say whether they are absolute, from "
+            "the start, or relative, from line to line."
+        )
+    if (back := re.search(r"(?m)^[ \t]*(-\d+\.\d+)\s", log)) is not None:
+        line = log.count("\n", 0, back.start(1)) + 1
+        raise TableError(
+            f"line {line} of {name} is at {back[1]} s, and no clock of a log runs backwards; "
+            "export the log again."
+        )
+    if kind == "absolute":
         return log
     now = Decimal(0)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from swsysid._checks.estimators import check_fitted
+from swsysid._checks.estimators import FittedLater, check_fitted
 from swsysid._data.recordings import Hold
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._stays.given import FEWEST_SAMPLES, Given
@@ -170,7 +170,7 @@ class Asked(NamedTuple):
     words: Words = PYTHON
 
 
-class JudgedOnRecordings:
+class JudgedOnRecordings(FittedLater):
     """An estimator of recordings, which it keeps for the verdict on its modes.
 
     Its `fit` calls `_keep`, and `_asked` fits again without what is held out.

@@ -12,7 +12,7 @@ from sklearn.metrics import accuracy_score, r2_score
 from sklearn.utils.metadata_routing import UNUSED
 
 from swsysid._checks.arrays import table
-from swsysid._checks.estimators import rows_and_classes, rows_and_velocities
+from swsysid._checks.estimators import FittedLater, rows_and_classes, rows_and_velocities
 from swsysid._checks.parameters import flag, shown
 from swsysid._data.rows import check_sample_weight
 from swsysid.metrics._modes import balanced_mode_accuracy, mode_accuracy
@@ -139,7 +139,7 @@ class Scored(Protocol):
     def predict(self, X: object) -> NDArray: ...
 
 
-class ScoredByR2:
+class ScoredByR2(FittedLater):
     """A regressor whose score is R2."""
 
     def score(self: Scored, X, y, sample_weight=None):
@@ -160,7 +160,7 @@ class ScoredByR2:
         return explained(targets, self.predict(X), sample_weight)
 
 
-class ScoredByAccuracy:
+class ScoredByAccuracy(FittedLater):
     """A classifier whose score is the share of the rows in the right class."""
 
     def score(self: Scored, X, y, sample_weight=None):

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 from scipy.stats import f as fisher
 
-from swsysid._known.checks import GuardDoubt, Released
+from swsysid._known.checks import GuardDoubt, Released, least_unit
 from swsysid._known.known import Known
 from swsysid._known.region import Region
 from swsysid._known.sentences import Guard
 from swsysid._results import Array
 from swsysid._simulation.model import SwitchingModel
+from swsysid._stays.settings import LIMITS
 from swsysid._ties import least_of
 
 _HELD = 1e-10  # of the information of a coefficient, what holds those that nothing tells
@@ -138,7 +139,9 @@ class RefinedFit:
             return inverse
 
         gain = float(right @ step - 0.5 * step @ matrix @ step)
-        unit = float(max(left, np.finfo(float).tiny)) * self.as_one
+        information = self.slopes.T @ self.slopes
+        least = least_unit(information, self.coef[self.free], self.freedom, LIMITS.exactly)
+        unit = max(float(left), least) * self.as_one
         return Released(change, gain, unit, self.freedom / self.as_one, covariance)
 
     def of_guard(self, guard: Guard) -> GuardDoubt | None:

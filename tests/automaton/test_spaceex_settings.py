@@ -95,8 +95,12 @@ def test_settings_that_do_not_tell_are_refused_in_a_sentence(initially, why, tmp
 
 
 def test_a_file_that_is_named_must_be_there(tmp_path):
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match=r"There is no file .*none\.cfg; check its name"):
         HybridAutomaton.from_spaceex(_write(tmp_path, TANK), settings=tmp_path / "none.cfg")
+    with pytest.raises(FileNotFoundError, match=r"There is no file .*none\.xml; check its name"):
+        HybridAutomaton.from_spaceex(tmp_path / "none.xml")
+    with pytest.raises(IsADirectoryError, match="is a folder; name a file in it"):
+        HybridAutomaton.from_spaceex(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -68,3 +68,14 @@ def test_stays_of_one_mode_have_names_of_their_own():
     bounces = replace(course([1.5, 3.4]), modes=np.zeros(3, dtype=int))
     assert bounces.at(T).tolist() == [0] * 6
     assert bounces.names(T).tolist() == [0, 0, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize("to", [[1.3, 3.2], [1.9, 3.2], [1.05, 3.2], [1.2, 3.9], [0.2, 4.4]])
+def test_instants_of_nodes_stay_within_their_windows(to):
+    """Whether or not they stay in their interval; as each course says by itself."""
+    window, own = np.array([[1.1, 1.5], [3.1, 3.7]]), course([1.2, 3.2], [(1.1, 1.5), (3.1, 3.7)])
+    record = Record(T, np.zeros((6, 1)), np.empty((6, 0)))
+    nodes = nodes_of([own], [record], [record.y], per_sample=1, first_step=1.0)
+    found = nodes.moved(np.array(to)).instants
+    np.testing.assert_array_equal(found, own.moved(np.array(to), T).instants)
+    assert (window[:, 0] <= found).all() and (found < window[:, 1]).all()

@@ -153,3 +153,13 @@ def test_maps_without_noise():
     same, bound = found.known_
     assert not same.questioned and bound.questioned
     assert bound.value == pytest.approx(0.1, abs=1e-6)
+
+
+@pytest.mark.parametrize(("level", "questioned"), [(0.2, False), (0.3, True)])
+def test_maps_without_noise_contradict_what_is_false_and_nothing_else(level, questioned):
+    """Rounding is all that is left."""
+    x = np.array([np.linalg.matrix_power([[0.9, 0.2], [-0.2, 0.8]], k)[:, 0] for k in range(60)])
+    known = f"x0[k+1][x1[k]] = {level}"
+    found = HybridAutomatonRegressor(1, discrete_time=True, known=known, random_state=0)
+    (check,) = found.fit([{"t": np.arange(60.0), "x": x}]).report_.known
+    assert check.questioned == questioned and check.value == pytest.approx(0.2, rel=1e-9)

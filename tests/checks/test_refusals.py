@@ -13,9 +13,11 @@ from sklearn.preprocessing import PolynomialFeatures
 from swsysid import (
     EffectRegressor,
     EffectSearchCV,
+    HybridAutomatonRegressor,
     MomentRelaxation,
     PolynomialSurfaceClassifier,
     SwitchingSystemRegressor,
+    TrajectoryIdentifier,
     solve_mip,
 )
 from swsysid.datasets import make_damped_oscillator, make_undeclared
@@ -120,6 +122,28 @@ UNFITTED = {
 def test_a_model_that_is_not_fitted_says_so(model, name):
     with pytest.raises(NotFittedError, match="is not fitted yet; call fit"):
         UNFITTED[name](model)
+
+
+@pytest.mark.parametrize(
+    ("model", "stored"),
+    [
+        (SwitchingSystemRegressor(), "coef_"),
+        (PolynomialSurfaceClassifier(), "coef_"),
+        (EffectRegressor(_regressor()), "effects_"),
+        (EffectSearchCV(_regressor()), "report_"),
+        (TrajectoryIdentifier(), "report_"),
+        (HybridAutomatonRegressor(2), "automaton_"),
+    ],
+)
+def test_what_fit_stores_is_asked_of_a_model_that_is_not_fitted(model, stored):
+    with pytest.raises(NotFittedError, match=f"this {type(model).__name__} is not fitted yet"):
+        getattr(model, stored)
+    assert not hasattr(model, stored)
+    model.anything_ = 1  # as a fit does
+    with pytest.raises(AttributeError, match="has no attribute 'another_'"):
+        _ = model.another_
+    with pytest.raises(AttributeError, match="has no attribute 'another'"):
+        _ = model.another
 
 
 @pytest.mark.parametrize("name", [name for name in CALLS if name.endswith("simulate")])

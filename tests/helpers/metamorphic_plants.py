@@ -11,7 +11,7 @@ import numpy as np
 
 from swsysid import HybridAutomaton
 
-__all__ = ["NAMES", "SURFACES", "Recorded", "recorded"]
+__all__ = ["NAMES", "REMEMBER", "SURFACES", "Recorded", "recorded"]
 
 
 def _plant(laws, there, back, starts, t_end, *reset):

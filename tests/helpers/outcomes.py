@@ -28,7 +28,7 @@ SECONDS = 30  # nothing here has work for more than one
 UNKNOWN = {
     "guard_score_", "claimed", "observed", "data", "spectrum", "covariance", "r2",
     "coef_standard_errors", "in_space", "in_time", "value", "coef_errors_", "guard_errors_",
-    "reset_errors_",
+    "reset_errors_", "covariance_",
     "left", "left_of_each", "leaves",  # by rollouts that diverge
 }  # fmt: skip
 # No surface where all samples are the same.

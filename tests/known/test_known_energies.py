@@ -168,6 +168,8 @@ def test_sentences_and_refusals():
     X, Xdot = rows(60)
     for sentences, message in (
         ("energy x^2 + w^2 never rises", r"names w\^2; an energy is of squares"),
+        ("energy 0 x^2 never rises", "says nothing: all of its numbers are zero"),
+        ("energy x v - v x never rises", "says nothing: all of its numbers are zero"),
         ("energy x^2 + 3 never rises", "an energy is of squares and products of states"),
         ("energy x^2 + v^2 never falls", r"such as .*energy x\^2 \+ v\^2 never rises"),
         (["energy x^2 never rises", "x' = v"], "cannot hold together"),

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pandas as pd
 import pytest
-from metamorphic_plants import NAMES, SURFACES, recorded
+from metamorphic_plants import NAMES, REMEMBER, SURFACES, recorded
 from scipy.optimize import linear_sum_assignment
 
 from swsysid import (
@@ -166,8 +166,17 @@ CHANGES = {
     "seed": Change(within=0.01, seed=7),
 }
 SHARE = 0.02  # of the rows, beside a surface
-# Where a descent stops, of the spread of velocities: a tenth of the error that noise leaves there.
-STOPS = {by_recordings: 1e-4, by_command: 1e-4}
+# What is less sure than the last digits. Recordings in another order are summed in another one, and
+# a descent stops elsewhere (brake: 2e-5 of the spread, a fiftieth of the error of the noise; all
+# other changes of coordinates stay within 2e-8); so it does for an automaton (spring, another unit:
+# 1.3e-4; 142 of 148 within 1e-6). Where guards remember, labels overlap: they stay the same, and a
+# probability that is near a half moves by up to .041 (thermostat, sign).
+LESS_SURE = {
+    **{(method, plant, "recordings"): 1e-4 for method in (by_recordings, by_command)
+       for plant in SURFACES},
+    **{(by_automaton, plant, change): 2e-4 for plant in NAMES for change in CHANGES},
+    **{(by_labels, plant, change): 0.05 for plant in REMEMBER for change in CHANGES},
+}  # fmt: skip
 
 # Plants of each estimator, those that are tried at once before those that are tried at night, and
 # the changes that are tried at once.
@@ -181,14 +190,16 @@ AT_ONCE = {
 }
 AT_NIGHT = {
     by_rows: SURFACES,
-    by_labels: SURFACES,  # where guards remember, no state tells a label
+    by_labels: NAMES,
     by_recordings: SURFACES,
     by_automaton: NAMES,
     by_search: ["friction"],
     by_command: SURFACES,
 }
-# An effect that acts at zero velocity is another one where zero is another.
-WITHOUT = {(by_search, "zero")}
+# An effect that acts at zero velocity is another one where zero is another. Where labels overlap a
+# column of noise tells some of them apart, by chance.
+WITHOUT = {(by_search, plant, "zero") for plant in NAMES}
+WITHOUT |= {(by_labels, plant, "a column of noise") for plant in REMEMBER}
 
 
 def cases():
@@ -196,7 +207,7 @@ def cases():
         for plant, change in product(plants, CHANGES):
             first, changes = AT_ONCE[method]
             marks = [] if plant in first and change in changes else [pytest.mark.nightly]
-            if (method, change) not in WITHOUT:
+            if (method, plant, change) not in WITHOUT:
                 name = f"{method.__name__}, {plant}, {change}"
                 yield pytest.param(method, plant, change, id=name, marks=marks)
 
@@ -207,18 +218,18 @@ def usual(method, plant):
         return method(recorded(plant), Path(folder), float, 0)
 
 
-def difference(method, plant, change):
+def difference(method, plant, name):
     """Shares of rows at which velocities and modes are others."""
-    data = recorded(plant)
+    data, change = recorded(plant), CHANGES[name]
     with TemporaryDirectory() as folder:
         rates, modes = method(change.make(data), Path(folder), change.dtype, change.seed)
     before, named = usual(method, plant)
     rows = change.rows(np.arange(len(data.x)))
     expected = before[rows] @ (np.transpose(change.matrix) if before.shape[1] == 2 else np.eye(1))
-    # of a probability the whole is one: all rows of some plants are sure
+    # of a probability the whole is one: foci are sure of all rows, to .036
     spread = np.ptp(expected, axis=0) if expected.shape[1] == 2 else 1.0
     apart = np.abs(rates - expected) / spread
-    within = max(change.within, STOPS.get(method, 0.0))
+    within = max(change.within, LESS_SURE.get((method, plant, name), 0.0))
     return (apart > within).any(axis=1).mean(), unlike(named[rows], modes)
 
 
@@ -232,5 +243,5 @@ def unlike(one, other):
 @pytest.mark.filterwarnings("ignore::swsysid.IdentificationWarning")
 @pytest.mark.parametrize(("method", "plant", "change"), list(cases()))
 def test_the_answer_is_the_same(method, plant, change):
-    rates, modes = difference(method, plant, CHANGES[change])
+    rates, modes = difference(method, plant, change)
     assert rates <= SHARE and modes <= SHARE

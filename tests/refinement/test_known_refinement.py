@@ -113,3 +113,15 @@ def test_numbers_inside_terms_are_estimated_beside_what_is_known():
 def test_what_cannot_be_is_refused(known, said):
     with pytest.raises(ValueError, match=said):
         refine(two_modes(START), records(), known=known)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "questioned"), [("v'[x] = -2", False), ("v'[x] = -2.2", True)]
+)
+def test_rollouts_of_recordings_without_noise_are_as_exact_as_steps_are(sentence, questioned):
+    """What an integration misses by is no evidence against what is right."""
+    t = np.arange(0.0, 3.0, 0.05)
+    x = StatedModel(None, [[[0, 1], [-2.0, -0.3]]], states=["x", "v"]).simulate([1.0, 0.0], t).x
+    begun = StatedModel(None, [[[0, 1], [-2.1, -0.3]]], states=["x", "v"])
+    (check,) = refine(begun, [{"t": t, "x": x}], known=sentence).known
+    assert check.questioned == questioned and check.value == pytest.approx(-2.0, abs=1e-6)

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import LinAlgError
 
 from swsysid._known.program import Steps
-from swsysid._stays.arrow import Arrow, CornerWithin
+from swsysid._stays.arrow import Arrow, CornerWithin, covariance_of
 
 SIZE, N_BLOCKS, N_CORNER = 2, 6, 3
 N_BAND = SIZE * N_BLOCKS
@@ -94,3 +94,44 @@ def test_what_is_positive_but_for_the_steps_it_is_within_is_said_at_once():
         else:
             assert np.isfinite(corner.over(np.eye(3))).all()
     assert told_late
+
+
+def test_the_determinant_of_the_band():
+    arrow, whole = blocks()
+    expected = np.linalg.slogdet(whole[:N_BAND, :N_BAND])[1]
+    assert arrow.log_det_of_band == pytest.approx(expected, rel=1e-10)
+
+
+def test_what_a_right_side_says_of_the_corner():
+    arrow, whole = blocks()
+    right = np.cos(np.arange(len(whole)))
+    np.testing.assert_allclose(
+        np.linalg.solve(arrow.schur, arrow.pull(right)),
+        np.linalg.solve(whole, right)[N_BAND:],
+        rtol=1e-9,
+    )
+    factor = arrow.factor()
+    z = factor.solve(right)[N_BAND:]
+    np.testing.assert_allclose(factor.held_back(right, z), 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6])
+def test_a_covariance_is_an_inverse_in_any_units_and_infinite_where_nothing_is_told(size):
+    root = np.random.default_rng(2).standard_normal((9, 4)) * [1.0, size, 1.0, 1.0 / size]
+    information = np.zeros((6, 6))
+    information[:4, :4] = root.T @ root
+    information[4, 4], information[4, 0], information[0, 4] = 4.0, 0.0, 0.0
+    covariance = covariance_of(information)
+    unit = np.sqrt(np.diag(information)[:5])
+    expected = np.linalg.inv(information[:5, :5] / unit / unit[:, None])
+    np.testing.assert_allclose(covariance[:5, :5] * unit * unit[:, None], expected, rtol=1e-9)
+    assert covariance[5, 5] == np.inf and (covariance[5, :5] == 0.0).all()
+
+
+def test_equalities_make_an_inverse_smaller():
+    root = np.random.default_rng(3).standard_normal((9, 3))
+    information, row = root.T @ root, np.array([[1.0, -2.0, 0.0]])
+    held = Steps(row, np.zeros(1), np.zeros((0, 3)), np.zeros(0))
+    free = np.linalg.inv(information)
+    expected = free - free @ row.T @ row @ free / (row @ free @ row.T)
+    np.testing.assert_allclose(covariance_of(information, held), expected, atol=1e-12)

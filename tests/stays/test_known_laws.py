@@ -203,3 +203,14 @@ def test_it_is_saved(tmp_path):
     save_model(found, tmp_path / "model.json")
     again = load_model(tmp_path / "model.json")
     assert again.known == found.known and again.known_ == found.known_
+
+
+def test_recordings_without_noise_contradict_what_is_false_and_nothing_else():
+    """Samples that laws follow to rounding leave nothing by which to divide."""
+    t = np.arange(0.0, 5.0, 0.05)
+    x, u = np.column_stack([1.0 - np.cos(t), np.sin(t)]), np.cos(0.3 * t)[:, None]
+    for sentence, questioned in (("x0' = x1", False), ("x1'[x0] = 0.3", True)):
+        switching = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+        found = TrajectoryIdentifier(switching, known=sentence).fit(x, t, inputs=u)
+        (check,) = found.report_.known
+        assert check.questioned == questioned and check.p_value in (0.0, pytest.approx(1.0))

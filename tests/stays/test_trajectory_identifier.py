@@ -242,6 +242,33 @@ REFUSED = {
 }
 
 
+@pytest.mark.parametrize(
+    ("columns", "inputs", "expected"),
+    [
+        (["p", "v"], None, ["p", "v", "x2"]),
+        (None, ["F"], ["x0", "x1", "F"]),
+        (["p", "v"], ["F"], ["p", "v", "F"]),
+        (None, None, ["x0", "x1", "x2"]),
+    ],
+)
+def test_names_are_those_of_the_table_that_has_them(columns, inputs, expected):
+    """And what is known may be said by them."""
+    pandas = pytest.importorskip("pandas")
+    t = np.arange(0.0, 5.0, 0.05)
+    u, x = np.sin(t)[:, None], np.column_stack([1.0 - np.cos(t), np.sin(t)])
+    x, u = (
+        one if names is None else pandas.DataFrame(one, columns=names)
+        for one, names in ((x, columns), (u, inputs))
+    )
+    switching = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    known = f"{expected[0]}' = {expected[1]}"
+    found = TrajectoryIdentifier(switching, known=known).fit(x, t, inputs=u)
+    assert found.equations(1)[0] == f"mode 0: {known.replace('= ', '= 1.0 ')}"
+    unnamed = columns is None and inputs is None
+    names = getattr(found.estimator_, "feature_names_in_", None)
+    assert names is None if unnamed else list(names) == expected
+
+
 @pytest.mark.parametrize("case", REFUSED)
 def test_a_wrong_call_ends_in_one_sentence(case):
     given, options, words = REFUSED[case]

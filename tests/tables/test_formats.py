@@ -117,6 +117,26 @@ def test_a_log_of_a_bus_with_steps_from_line_to_line(tmp_path):
     np.testing.assert_array_equal(stepped["x"], from_start["x"])
 
 
+@pytest.mark.parametrize(
+    ("there", "instead", "sentence"),
+    [
+        ("timestamps absolute", "timestamps sometimes", "has timestamps 'sometimes'; its head"),
+        (" 0.125000 ", "-0.125000 ", r"line \d+ of drive.asc is at -0.125000 s, and no clock of a"),
+    ],
+)
+def test_a_log_of_a_bus_whose_times_mean_nothing_is_refused(there, instead, sentence, tmp_path):
+    pytest.importorskip("cantools")
+    write_bus(tmp_path / "drive.asc")
+    files = [tmp_path / "drive.asc", tmp_path / "car.dbc"]
+    text = files[0].read_text()
+    assert there in text
+    for kind in ("absolute", "relative"):
+        told = text.replace(there, instead, 1).replace("timestamps absolute", f"timestamps {kind}")
+        files[0].write_text(told)
+        with pytest.raises(ValueError, match=sentence):
+            read_recordings(files, states=["x", "v"])
+
+
 @pytest.mark.parametrize("name", ["drive.blf", "drive.asc", "drive.trc", "drive.log"])
 def test_extended_frames_are_no_standard_ones_of_the_same_id(name, tmp_path):
     can, cantools = pytest.importorskip("can"), pytest.importorskip("cantools")
