@@ -148,12 +148,17 @@ def shared_exits(
     """One sentence for each pair; `names` are those of the modes in the answer.
 
     ``rises(one, other)`` is the part of the switches of the other at which the guard of the one
-    rises as well, and ``rows(one)`` are columns at its switches. A column tells two transitions
-    apart where it is below a threshold at all switches of the one and above it at all others.
+    rises as well; of two that are asked one after the other that of the first one matters.
+    ``rows(one)`` are columns at its switches. A column tells two transitions apart where it is
+    below a threshold at all switches of the one and above it at all others.
     """
     told = [one for one in found if one.guard is not None and one.source != one.target]
     for one, other in combinations(told, 2):
-        if one.source != other.source or max(rises(one, other), rises(other, one)) <= 0.5:
+        if one.source != other.source:
+            continue
+        asked = sorted((one, other), key=lambda way: way.rank)
+        both = [asked] if one.rank != other.rank else [asked, asked[::-1]]
+        if max(rises(*ways) for ways in both) <= 0.5:
             continue
         first, second = sorted((one, other), key=lambda way: names[way.target])
         source, ways = names[one.source], (names[first.target], names[second.target])
