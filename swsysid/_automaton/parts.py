@@ -40,10 +40,6 @@ class RunningMap(Laws, Protocol):
     def lags(self) -> int:
         """Past rows that the laws see."""
 
-    @property
-    def guard_columns(self) -> list[str]:
-        """Names of the columns of guards."""
-
     def affine_law(self, mode: int) -> tuple[Array, Array, Array] | None:
         """Matrix, constant and matrix of the inputs of the law of a mode, if it is affine."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
+from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.continuous import PlainAutomaton, follow
 from swsysid._automaton.parts import AutomatonParts, RunningMap, first_mode
 from swsysid._automaton.transitions import AffineReset, Transition
@@ -123,7 +124,7 @@ def iterate(
     status = Status.COMPLETED if len(inputs) == len(t) else Status.INPUT_RANGE
     lagged = rows[::-1].ravel()  # x[k], x[k-1], ..., x[k-lags]
     k, entered, size = n_lags, n_lags, _FEWEST_AHEAD
-    lately = np.full(len(automaton.guard_columns), np.nan)
+    lately = np.full((n_states + automaton.n_inputs) * (n_lags + 1) + len(CLOCKS), np.nan)
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
         while k < len(inputs):
             given = seen[k - n_lags : k - n_lags + size]

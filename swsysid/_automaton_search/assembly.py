@@ -138,8 +138,7 @@ def automaton_of(
     Guards that tell nothing make no transitions.
     """
     names = np.argsort(order)
-    told = [one for one in found if one.guard is not None and one.guard.is_any(interval)]
-    told.sort(key=lambda one: (names[one.source], one.rank, names[one.target]))
+    asked = sorted(found, key=lambda one: (names[one.source], one.rank, names[one.target]))
     transitions = [
         Transition(
             int(names[one.source]),
@@ -148,7 +147,8 @@ def automaton_of(
             one.reset.reset if one.jumps and one.reset is not None else None,
             len(one),
         )
-        for one in told
+        for one in asked
+        if one.guard is not None and one.guard.is_any(interval)
     ]
     named = FirstModes(first_modes.states, names[first_modes.modes])
     return HybridAutomaton(coef[order], feature_map, tuple(transitions), discrete_time, lags, named)

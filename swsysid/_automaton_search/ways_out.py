@@ -98,7 +98,7 @@ def _lent(first: FoundGuard, second: FoundGuard | None, one: FoundTransition) ->
 
 def in_order(found: list[FoundTransition], taken: Taken) -> list[FoundTransition]:
     """Transitions in the order in which those of a mode are asked: first what takes the fewest."""
-    ranked = []
+    ranked: list[FoundTransition] = []
     for source in sorted({one.source for one in found}):
         left = sorted((one for one in found if one.source == source), key=lambda one: one.target)
         while left:

@@ -4,7 +4,7 @@ What DAINARX is told says which of the documented ways it is: samples that its d
 see beyond the present one are lags, laws without further terms are maps, others are flows; further
 terms are polynomials of their degree, or functions; guards that are no planes are quadrics. A map
 is given its inputs with those of the next sample: they go on between the samples. Recordings with
-noise are of flows, whose rows are far closer than motions are fast: a row alone tells nothing.
+noise that need earlier samples are of flows: differences of these are mostly noise.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Ours:
 def ours(training: list[Recorded], automaton: Published) -> Ours:
     """The automaton that the package finds, its number of modes and edges included."""
     degree, library = _features(automaton)
-    as_map = degree == 1 and not _has_noise(training)
+    as_map = degree == 1 and not (automaton.order > 1 and _has_noise(training))
     fitted = HybridAutomatonRegressor(
         discrete_time=as_map,
         lags=automaton.order - 1 if as_map else 0,
