@@ -105,7 +105,7 @@ MOST_LINES = {
     "_data": 2340,
     "datasets": 2510,
     "differentiation": 1610,
-    "_discrete_stays": 2580,
+    "_discrete_stays": 2590,
     "_displays": 1610,
     "_effect_model": 2420,
     "_effect_search": 9150,
