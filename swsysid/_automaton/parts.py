@@ -40,6 +40,9 @@ class RunningMap(Laws, Protocol):
     def lags(self) -> int:
         """Past rows that the laws see."""
 
+    def affine_law(self, mode: int) -> tuple[Array, Array, Array] | None:
+        """Matrix, constant and matrix of the inputs of the law of a mode, if it is affine."""
+
     @property
     def n_states(self) -> int:
         """Number of states, without their lags."""
@@ -168,6 +171,15 @@ class AutomatonParts:
         ndarray of shape (n_states,)
         """
         return self.coef[mode] @ self.feature_map.at(np.concatenate([x, u]))
+
+    def affine_law(self, mode: int) -> tuple[Array, Array, Array] | None:
+        """Matrix, constant and matrix of the inputs of the law of a mode, if it is affine."""
+        powers = self.feature_map.powers
+        if powers is None or powers.sum(axis=1).max(initial=0) > 1:
+            return None
+        law = self.coef[mode] @ powers
+        constant = self.coef[mode][:, ~powers.any(axis=1)].sum(axis=1)
+        return law[:, : self.n_lagged], constant, law[:, self.n_lagged :]
 
 
 def check_lags(discrete_time: bool, lags: int) -> None:

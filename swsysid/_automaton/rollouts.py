@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
+from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.continuous import PlainAutomaton, follow
 from swsysid._automaton.parts import AutomatonParts, RunningMap, first_mode
 from swsysid._automaton.transitions import AffineReset, Transition
@@ -21,6 +23,10 @@ from swsysid._simulation.bands import with_band
 from swsysid._simulation.events import History
 from swsysid._simulation.inputs import Options, checked_options, checked_request, stretches
 from swsysid._simulation.system import GuardedLaws
+
+# Rows that a map goes ahead in one mode before its guards are tested at all of them: few after a
+# transition, and more and more while none is taken.
+_FEWEST_AHEAD, _MOST_AHEAD = 16, 512
 
 
 def roll_out(
@@ -113,31 +119,75 @@ def iterate(
     scales = options.scales(automaton.extent, rows[-1])
     laws = GuardedLaws(automaton, scales.repeated(automaton.lags + 1))
     n_lags, n_states = automaton.lags, automaton.n_states
-    n_seen = automaton.n_inputs * (n_lags + 1)
+    seen = _lagged_inputs(inputs, n_lags)
     done = History(t, states=list(rows[:-1]), modes=[mode] * n_lags)
     status = Status.COMPLETED if len(inputs) == len(t) else Status.INPUT_RANGE
     lagged = rows[::-1].ravel()  # x[k], x[k-1], ..., x[k-lags]
-    entered, lately = n_lags, None
+    k, entered, size = n_lags, n_lags, _FEWEST_AHEAD
+    lately = np.full((n_states + automaton.n_inputs) * (n_lags + 1) + len(CLOCKS), np.nan)
     with np.errstate(all="ignore"):  # a diverging model is a status, not a warning
-        for k in range(n_lags, len(inputs)):
-            if not laws.within(lagged):
-                finite = bool(np.isfinite(lagged).all())
+        while k < len(inputs):
+            given = seen[k - n_lags : k - n_lags + size]
+            ahead = _ahead(automaton, laws, lagged, given, mode)
+            last = len(given)
+            inside = int(laws.within(ahead[:last]).cumprod().sum())
+            columns = _columns(automaton, ahead[:inside], given[:inside], k, entered)
+            at, taken = _taken(automaton.transitions, mode, columns, lately)
+            done.states.extend(ahead[:at, :n_states])
+            done.modes.extend([mode] * at)
+            if taken is None and inside < last:
+                finite = bool(np.isfinite(ahead[inside]).all())
                 status = Status.STATE_LIMIT if finite else Status.STEP_FAILURE
                 break
-            u = inputs[k - n_lags : k + 1][::-1].ravel()
-            seen = u[:n_seen]
-            columns = np.concatenate([lagged, seen, (k - entered, k)])
-            taken = _taken(automaton.transitions, mode, columns, lately)
-            if taken is not None:
-                event = SwitchEvent(float(t[k]), lagged[:n_states], mode, taken.target, taken.kind)
-                done.events.append(event)
-                lagged = _jumped(lagged, taken.reset)
-                mode, entered = taken.target, k
+            k += at
+            if taken is None:
+                lately, lagged = columns[-1], ahead[last]
+                size = min(2 * size, _MOST_AHEAD)
+                continue
+            before = ahead[at, :n_states]
+            done.events.append(SwitchEvent(float(t[k]), before, mode, taken.target, taken.kind))
+            lagged, mode, entered = _jumped(ahead[at], taken.reset), taken.target, k
             done.states.append(lagged[:n_states])
             done.modes.append(mode)
-            lately = np.concatenate([lagged, seen, (k - entered, k)])
-            lagged = np.concatenate([laws.velocity(lagged, u, mode), lagged])[: len(lagged)]
+            [lately] = _columns(automaton, lagged[None], given[at, None], k, entered)
+            lagged = _followed(lagged, laws.velocity(lagged, given[at], mode))
+            k, size = k + 1, _FEWEST_AHEAD
     return done.trajectory(status, n_states)
+
+
+def _lagged_inputs(inputs: Array, n_lags: int) -> Array:
+    """u[k], ..., u[k-lags] of every row from the first on that has them."""
+    n = len(inputs) - n_lags
+    return np.hstack([inputs[n_lags - age : n_lags - age + n] for age in range(n_lags + 1)])
+
+
+def _columns(automaton: RunningMap, lagged: Array, given: Array, first: int, entered: int) -> Array:
+    """Columns of guards at rows one after the other in one mode; laws may see further inputs."""
+    rows = np.arange(first, first + len(lagged), dtype=float)
+    seen = given[:, : automaton.n_inputs * (automaton.lags + 1)]
+    return np.column_stack([lagged, seen, rows - entered, rows])
+
+
+def _ahead(
+    automaton: RunningMap, laws: GuardedLaws, lagged: Array, given: Array, mode: int
+) -> Array:
+    """The lagged state and those that follow it while no transition is taken, one row more."""
+    size, n_states, n_rows = len(lagged), automaton.n_states, len(given)
+    flat = np.empty(n_rows * n_states + size)  # the newest first: lagged states lie side by side
+    flat[n_rows * n_states :] = lagged
+    affine = automaton.affine_law(mode)
+    if affine is not None:
+        matrix, constant, by_inputs = affine
+        added = given @ by_inputs.T + constant
+    for k, newest in enumerate(range((n_rows - 1) * n_states, -1, -n_states)):
+        x = flat[newest + n_states : newest + n_states + size]
+        following = laws.velocity(x, given[k], mode) if affine is None else matrix @ x + added[k]
+        flat[newest : newest + n_states] = following
+    return sliding_window_view(flat, size)[::-n_states]
+
+
+def _followed(lagged: Array, newest: Array) -> Array:
+    return np.concatenate([newest, lagged])[: len(lagged)]
 
 
 def _jumped(lagged: Array, reset: AffineReset | None) -> Array:
@@ -149,15 +199,21 @@ def _jumped(lagged: Array, reset: AffineReset | None) -> Array:
 
 
 def _taken(
-    transitions: Sequence[Transition], mode: int, columns: Array, lately: Array | None
-) -> Transition | None:
-    """The first transition out of a mode whose guard is not negative.
+    transitions: Sequence[Transition], mode: int, columns: Array, lately: Array
+) -> tuple[int, Transition | None]:
+    """The first row at which a transition out of a mode has a guard that is not negative.
 
-    One back to the mode itself must have been negative a step before, in `lately`.
+    One back to the mode itself must have been negative a row before; `lately` is the row before
+    the first one, unknown at the start.
     """
+    first, taken = len(columns), None
     for one in transitions:
-        if one.source == mode and one.guard.at(columns) >= 0.0:
-            has_risen = lately is not None and one.guard.at(lately) < 0.0
-            if one.target != mode or has_risen:
-                return one
-    return None
+        if one.source != mode:
+            continue
+        holds = one.guard.values(columns[:first]) >= 0.0
+        if one.target == mode:
+            before = np.vstack([lately, columns])[: len(holds)]
+            holds &= one.guard.values(before) < 0.0
+        if holds.any():
+            first, taken = int(holds.argmax()), one
+    return first, taken

@@ -138,6 +138,7 @@ def automaton_of(
     Guards that tell nothing make no transitions.
     """
     names = np.argsort(order)
+    asked = sorted(found, key=lambda one: (names[one.source], one.rank, names[one.target]))
     transitions = [
         Transition(
             int(names[one.source]),
@@ -146,10 +147,9 @@ def automaton_of(
             one.reset.reset if one.jumps and one.reset is not None else None,
             len(one),
         )
-        for one in found
+        for one in asked
         if one.guard is not None and one.guard.is_any(interval)
     ]
-    transitions.sort(key=lambda one: (one.source, one.target))
     named = FirstModes(first_modes.states, names[first_modes.modes])
     return HybridAutomaton(coef[order], feature_map, tuple(transitions), discrete_time, lags, named)
 

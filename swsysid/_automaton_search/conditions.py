@@ -70,11 +70,18 @@ class Exits:
         An end that it does not tell costs what one at random does; of stays that another transition
         ends, it is open which.
         """
-        wrong, taken = self.missed(guard, target)
-        random = float(np.log(self.lengths.mean()))
         coefficients = sum(np.count_nonzero(one.coef) - 1 for one in guard.conditions)
+        return self.nats_of_known(guard, target) + self._random * coefficients
+
+    def nats_of_known(self, guard: Guard, target: int) -> float:
+        """The same of a guard that is known from other switches."""
+        wrong, taken = self.missed(guard, target)
         exits = int(np.count_nonzero(self.targets >= 0))
-        return random * (wrong + coefficients) + of_exits(taken, exits)
+        return self._random * wrong + of_exits(taken, exits)
+
+    @property
+    def _random(self) -> float:
+        return float(np.log(self.lengths.mean()))
 
 
 def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> FoundGuard:

@@ -55,14 +55,17 @@ def strays(found: IdentifiedAutomaton) -> str:
 
     Where there is less noise than rollouts may be off by, and instants are known, any that surely
     leaves a recording is far from it. Where it does so as a motion does whose start is not known,
-    or that noise drives, that is no proof against it.
+    or as far as noise drives one whose disturbances add up, that is no proof against it.
     """
     rollouts = found.rollouts
     noises = found.noises
-    driven = noises is not None and noises.drives and not noises.goes_on
     stretches = [one.leaves for one in rollouts.breaks]  # without one, by a few outliers
+    left = float(np.max([rollouts.left_of_each.max(), *stretches]))
+    driven = noises is not None and noises.drives and not noises.goes_on
+    if noises is not None and driven:
+        driven = left <= _FAR * noises.leads(max(map(len, found.modes)))
     exact = not rollouts.in_noise and ASKED_AT_SAMPLES not in found.shared_exits
-    far = exact or bool(np.max([rollouts.left_of_each.max(), *stretches]) > _FAR)
+    far = exact or left > _FAR
     if driven or rollouts.hangs_on_start or not (stretches and far):
         return ""
     return f"By itself the automaton leaves {rollouts.strays}; report_ says more."
@@ -148,12 +151,17 @@ def shared_exits(
     """One sentence for each pair; `names` are those of the modes in the answer.
 
     ``rises(one, other)`` is the part of the switches of the other at which the guard of the one
-    rises as well, and ``rows(one)`` are columns at its switches. A column tells two transitions
-    apart where it is below a threshold at all switches of the one and above it at all others.
+    rises as well; of two that are asked one after the other that of the first one matters.
+    ``rows(one)`` are columns at its switches. A column tells two transitions apart where it is
+    below a threshold at all switches of the one and above it at all others.
     """
     told = [one for one in found if one.guard is not None and one.source != one.target]
     for one, other in combinations(told, 2):
-        if one.source != other.source or max(rises(one, other), rises(other, one)) <= 0.5:
+        if one.source != other.source:
+            continue
+        asked = sorted((one, other), key=lambda way: way.rank)
+        both = [asked] if one.rank != other.rank else [asked, asked[::-1]]
+        if max(rises(*ways) for ways in both) <= 0.5:
             continue
         first, second = sorted((one, other), key=lambda way: names[way.target])
         source, ways = names[one.source], (names[first.target], names[second.target])

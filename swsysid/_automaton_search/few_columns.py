@@ -68,9 +68,9 @@ class FewColumns:
         the one or the other does so better by `chance`. A switch that the columns do not know (the
         dwell of a stay in which a recording began) costs what it does at `random`.
         """
-        clocks = chance * (self.some >= self.n_columns - len(CLOCKS)).sum()
-        of_terms = (len(self.powers) - 1) * (term + 0.5 * np.log(n_switches + 1))
-        return float(of_terms + _CLOCK * clocks + random * n_unknown)
+        n_clocks = (self.some >= self.n_columns - len(CLOCKS)).sum()
+        of_terms = _of_terms(len(self.powers), n_switches, term)
+        return float(of_terms + _CLOCK * chance * n_clocks + random * n_unknown)
 
     def guard(self, coef: Array) -> PolynomialGuard:
         """The sum of these monomials as a polynomial of all columns, in their units."""
@@ -94,6 +94,11 @@ class FewColumns:
     @cached_property
     def _monomials(self) -> Monomials:
         return Monomials(self.powers)
+
+
+def _of_terms(n_terms: int, n_switches: int, term: float) -> float:
+    """Nats of the coefficients of a guard, the one that sets its scale left out."""
+    return float((n_terms - 1) * (term + 0.5 * np.log(n_switches + 1)))
 
 
 def known(columns: Array, some: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -123,22 +128,43 @@ def simplest(guards: Iterable[FoundGuard | None]) -> FoundGuard | None:
 
 
 def cheapest_guard(
-    n_columns: int,
+    given: Array,
     guard_of: Callable[[NDArray[np.intp]], FoundGuard | None],
     interval: float,
+    degree: int,
+    *,
+    term: float = 0.0,
     best: FoundGuard | None = None,
 ) -> FoundGuard | None:
     """The guard of least cost among those of few columns; the simplest one that costs the least.
 
     One to begin with, if there is any, is left only for one that is better. Its rivals are the
     cheapest ones that tell the same switches to within samples, which are an `interval` apart.
+    `given` are the columns at its switches, (n_switches, n_columns). A guard of more columns whose
+    terms, of this degree and `term` nats each at least, alone cost too much is not asked.
     """
+    n_columns = given.shape[1]
     counts = range(1, min(SETTINGS.most_columns, n_columns) + 1)
-    sets = (some for count in counts for some in combinations(range(n_columns), count))
-    tried = [best, *(guard_of(np.array(some)) for some in sets)]
-    best = simplest(tried)
+    sets = [np.array(some) for n in counts for some in combinations(range(n_columns), n)]
+    n_terms = {n: len(Monomials.up_to(degree, n).powers) for n in counts}
+
+    def is_dear(some: NDArray[np.intp]) -> bool:
+        if best is None or len(some) <= len(best.some):
+            return False
+        n_known = int(known(given, some).sum())
+        return _of_terms(n_terms[len(some)], n_known, term) >= best.cost - SETTINGS.better
+
+    tried, put_off = [best], []
+    for some in sets:
+        if is_dear(some):
+            put_off.append(some)
+            continue
+        tried.append(guard_of(some))
+        best = simplest([best, tried[-1]])
     if best is None:
         return None
+    # rivals are of no more columns than the best has in the end
+    tried += [guard_of(some) for some in put_off if len(some) <= len(best.some)]
     every = [one for one in tried if one is not None]
     rivals: list[FoundGuard] = []
     for one in sorted(every, key=lambda one: (len(one.some), one.cost)):

@@ -27,6 +27,7 @@ class FoundGuard:
     beyond: int = 0  # samples of its mode that lie on the wrong side
     rivals: tuple[FoundGuard, ...] = ()  # of other columns, that tell the same switches
     also: tuple[FoundGuard, ...] = ()  # conditions that hold besides where it rises
+    is_lent: bool = False  # by other transitions, whose switches tell it
 
     @property
     def whole(self) -> Guard:
@@ -64,7 +65,7 @@ class FoundGuard:
     @property
     def n_coefficients(self) -> int:
         """How many coefficients its switches have to tell, those that came out as zero included."""
-        return len(self.guard.coef)
+        return 0 if self.is_lent else len(self.guard.coef)
 
     @property
     def n_known(self) -> int:
@@ -131,6 +132,7 @@ class FoundTransition:
     guard: FoundGuard | None
     reset: FoundReset | None
     forestalled: bool = False  # by another one, always
+    rank: int = 0  # among the ways out of its mode, which are asked in this order
 
     def __len__(self) -> int:
         return len(self.times)

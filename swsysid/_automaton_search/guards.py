@@ -138,7 +138,7 @@ def best_guard(
 
     if some is not None:
         return guard_of(some)
-    return cheapest_guard(crossed.columns.shape[1], guard_of, crossed.interval)
+    return cheapest_guard(crossed.columns, guard_of, crossed.interval, 1, term=SETTINGS.unexplained)
 
 
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:

@@ -78,10 +78,11 @@ def guard_with_margin(
     """The guard of fewest columns, unless one of those that are stated is as good."""
     told = [_stated(guard, sides) for guard in stated]
     return cheapest_guard(
-        sides.below.shape[1],
-        lambda some: _guard_of(sides, some, degree),
+        np.where(np.isfinite(sides.last), sides.reached, np.nan),
+        lambda some: guard_of_columns(sides, some, degree),
         1.0,
-        min((one for one in told if one), key=lambda one: one.cost, default=None),
+        degree,
+        best=min((one for one in told if one), key=lambda one: one.cost, default=None),
     )
 
 
@@ -119,7 +120,8 @@ def _missed(guard: PolynomialGuard, reached: Array) -> Array:
     return np.maximum(0.0, -guard.values(reached))
 
 
-def _guard_of(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
+def guard_of_columns(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
+    """The guard of some columns; None where they tell none."""
     seen = known(sides.last, some) & known(sides.reached, some)
     basis = FewColumns.of(sides.below, some, degree)
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
@@ -184,6 +186,8 @@ def _between(guard: PolynomialGuard, sides: Sides) -> tuple[Array, int]:
 
 def _separating(below: Array, above: Array, rising: Array) -> Array | None:
     """Coefficients of the program; rows of both sides enter it as they are violated."""
+    if len(rising) == 2:
+        return _threshold(below, above, rising)
     coef, margin = rising / (rising @ rising), np.inf
     sides = [-below, above]
     used = [np.zeros(len(side), dtype=bool) for side in sides]
@@ -201,6 +205,24 @@ def _separating(below: Array, above: Array, rising: Array) -> Array | None:
             return None
         coef, margin = solved
     return coef
+
+
+def _threshold(below: Array, above: Array, rising: Array) -> Array:
+    """The same of a constant and one more term, whose coefficient the scale tells.
+
+    What rows are on the wrong side by has a slope in the constant that rises by one at each row, so
+    that it is least where as many rows are above as should be. If both sides can be told apart the
+    margin is largest halfway between them; else it is zero, at a row that is then on no wrong side.
+    """
+    levels = -np.append(above[:, 1], below[:, 1]) / rising[1]
+    ends = np.clip([len(above) - 1, len(above)], 0, len(levels) - 1)
+    nearest = np.argpartition(levels, ends)[ends]
+    is_above = nearest < len(above)
+    if is_above[0] and not is_above[1]:
+        constant = levels[nearest].mean()
+    else:
+        constant = levels[nearest[1 if is_above[1] else 0]]
+    return np.array([constant, 1.0 / rising[1]])
 
 
 def _program(signed: Array, rising: Array) -> tuple[Array, float] | None:

@@ -35,6 +35,7 @@ from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
+from swsysid._automaton_search.ways_out import in_order, with_lent_guards
 from swsysid._checks.parameters import whole
 from swsysid._discrete_stays.identify import (
     DiscreteCertainty,
@@ -283,7 +284,8 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
         if one.guard is not None and one.is_one:
             guard = with_second(one.guard, exits[source], target, degree)
             found[source, target] = replace(one, guard=guard)
-    return [one for one in found.values() if one.is_one]
+    told = with_lent_guards(found, exits, taken, rows.inside, degree)
+    return in_order([one for one in told.values() if one.is_one], rows.taken)
 
 
 def _certificate(one: FoundTransition, rows: ModeRows) -> Certificate:

@@ -212,9 +212,7 @@ def _fitted_within(
     return coef.clip(*region.box)
 
 
-def law_of(
-    problem: RowProblem, rows: NDArray[np.bool_], columns: NDArray[np.bool_] | None = None
-) -> Array:
+def law_of(problem: RowProblem, rows: NDArray, columns: NDArray[np.bool_] | None = None) -> Array:
     """The law of least squares of some rows, (n_states, n_features), zero but in some columns."""
     features, targets = problem.features[rows], problem.targets[rows]
     law = np.zeros((targets.shape[1], features.shape[1]))

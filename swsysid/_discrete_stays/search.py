@@ -12,6 +12,7 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.rows import (
     RowFit,
+    RowProblem,
     alternate,
     as_fit,
     assigned,
@@ -169,7 +170,8 @@ class StaySearch:
             return found
         scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
         found = _followed(self.data, found, found.coef, scale)
-        return _with_more(self.data, found, most, lambda found: [found.fit.unexplained])
+        found = _with_more(self.data, found, most, lambda found: [found.fit.unexplained])
+        return _parted(self.data, found, most) or found
 
 
 def finer_modes(data: DiscreteData, found: Found, most: int) -> Found | None:
@@ -183,14 +185,70 @@ def finer_modes(data: DiscreteData, found: Found, most: int) -> Found | None:
         """Rows that no law explains, and the longest stay in each rough mode."""
         fit = found.fit
         yield fit.unexplained
-        first = np.flatnonzero(data.problem.begins | np.append(True, np.diff(fit.lawful) != 0))
-        length = np.diff(np.append(first, len(fit.modes)))
-        stays = np.repeat(np.arange(len(first)), length)
+        stays = _stays(data.problem, fit)
         for mode in np.flatnonzero(_is_rough(fit)):
-            yield stays == np.where(fit.lawful[first] == mode, length, 0).argmax()
+            longest = max((own for own in stays if fit.lawful[own[0]] == mode), key=len)
+            yield np.isin(np.arange(len(fit.modes)), longest)
 
     more = found if found.states is not None else _with_more(data, found, most, some)
     return None if more is found else more
+
+
+def _parted(data: DiscreteData, found: Found, most: int) -> Found | None:
+    """The same with rough modes parted into as few as explain their stays, if these are exact."""
+    coef = None if found.states is not None else _of_stays(data, found.fit)
+    if coef is None or len(coef) > most:
+        return None
+    parted = _followed(data, found, coef, scale_of(data.problem, coef, found.fit.lawful))
+    better = parted.cost < found.cost and not _is_rough(parted.fit).any()
+    return parted if better else None
+
+
+def _stays(problem: RowProblem, fit: RowFit) -> list[NDArray[np.intp]]:
+    """Rows of each stay."""
+    begins = problem.begins | np.append(True, np.diff(fit.lawful) != 0)
+    return np.split(np.arange(len(begins)), np.flatnonzero(begins)[1:])
+
+
+def _of_stays(data: DiscreteData, fit: RowFit) -> Array | None:
+    """Laws, those of rough modes replaced by as few as their stays have; None without rough ones.
+
+    One law explains two stays if the one of all their rows leaves no more than the others do. The
+    law of a stay alone need not explain the other one: a short motion does not determine it.
+    """
+    problem, rough = data.problem, _is_rough(fit)
+    least, n_features = _ROUGH * fit.scale[~rough].max(axis=0), problem.features.shape[1]
+
+    def explains(rows: NDArray[np.intp]) -> bool:
+        left = problem.targets[rows] - problem.features[rows] @ law_of(problem, rows).T
+        return bool((np.sqrt(np.square(left).mean(axis=0)) <= least).all())
+
+    stays = [own for own in _stays(problem, fit) if rough[fit.lawful[own[0]]]]
+    pieces = [piece for own in stays if fit.lawful[own[0]] >= 0 for piece in _exact(own, explains)]
+    groups = [np.flatnonzero(fit.lawful == mode) for mode in np.flatnonzero(~rough)]
+    for piece in sorted(pieces, key=len, reverse=True):
+        if len(piece) <= n_features:  # any law explains it
+            continue
+        joined = (k for k, own in enumerate(groups) if explains(np.append(own, piece)))
+        place = next(joined, None)
+        if place is None:
+            groups.append(piece)
+        else:
+            groups[place] = np.append(groups[place], piece)
+    return np.array([law_of(problem, rows) for rows in groups]) if rough.any() else None
+
+
+def _exact(
+    rows: NDArray[np.intp], explains: Callable[[NDArray[np.intp]], bool]
+) -> Iterator[NDArray[np.intp]]:
+    """A stay in parts that one law each explains, each as long as can be."""
+    while len(rows):
+        fits, fails = 1, len(rows) + 1
+        while fails - fits > 1:
+            middle = len(rows) if fails > len(rows) else (fits + fails) // 2
+            fits, fails = (middle, fails) if explains(rows[:middle]) else (fits, middle)
+        yield rows[:fits]
+        rows = rows[fits:]
 
 
 def _with_more(

@@ -336,5 +336,8 @@ class _Map:
     def extent(self) -> Extent | None:
         return self.system.extent
 
+    def affine_law(self, mode: int) -> None:
+        return None  # effects are functions of the state
+
     def velocity(self, x: Array, u: Array, mode: int) -> Array:
         return self.system.field(x, u, mode, self.system.sides(x))

@@ -3,7 +3,8 @@
 What DAINARX is told says which of the documented ways it is: samples that its difference equations
 see beyond the present one are lags, laws without further terms are maps, others are flows; further
 terms are polynomials of their degree, or functions; guards that are no planes are quadrics. A map
-is given its inputs with those of the next sample: they go on between the samples.
+is given its inputs with those of the next sample: they go on between the samples. Recordings with
+noise that need earlier samples are of flows: differences of these are mostly noise.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ class Ours:
 def ours(training: list[Recorded], automaton: Published) -> Ours:
     """The automaton that the package finds, its number of modes and edges included."""
     degree, library = _features(automaton)
-    as_map = degree == 1
+    as_map = degree == 1 and not (automaton.order > 1 and _has_noise(training))
     fitted = HybridAutomatonRegressor(
         discrete_time=as_map,
         lags=automaton.order - 1 if as_map else 0,
@@ -85,6 +86,17 @@ def ours(training: list[Recorded], automaton: Published) -> Ours:
         if one.u.size:
             recordings[-1]["inputs"] = _with_next(one.u) if as_map else one.u
     return Ours(fitted.fit(recordings))
+
+
+def _has_noise(training: list[Recorded]) -> bool:
+    """Whether samples are off by more than a thousandth of the spread, as third differences tell.
+
+    Those of white noise are as large as the root of twenty times its variance.
+    """
+    x = np.vstack([one.x for one in training])
+    rough = np.vstack([np.diff(one.x, 3, axis=0) for one in training])
+    sizes = np.median(np.abs(rough), axis=0) / np.sqrt(20.0)
+    return bool((sizes > 1e-3 * x.std(axis=0)).any())
 
 
 def _with_next(u: Array) -> Array:
