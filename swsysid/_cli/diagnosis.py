@@ -64,6 +64,16 @@ class Diagnosis:
         errors = self.search.report_.errors
         return np.array(errors[-1]["held_out"] if errors else [])
 
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether no model can leave a fraction of what one law leaves, for noise is all below."""
+        samples, smoothing = self.samples, self.samples.smoothing
+        if smoothing is None or not self.left.size:
+            return False
+        n_measured = len(samples.rate_names) - samples.n_known
+        least = smoothing.noise[:n_measured] / JUDGING.noise_alone
+        return bool((least >= JUDGING.told * self.left[:n_measured]).any())
+
     def is_worse_than(self, found: HybridAutomatonRegressor) -> bool:
         """Whether several laws leave a fraction of what one law leaves, and imitate no curve."""
         left = self.left[: len(found.noise_)]
@@ -112,11 +122,11 @@ def diagnosed(
         declared = options.regressor(1, feature_library=library, known=known)
         search = searched(samples, declared, effects, options)
     done = Diagnosis(search, samples, notes)
-    if not is_left_open:
+    if not is_left_open or done.leaves_noise:
         return done
     jumps = _jumps(samples, options)
-    # one law, and what it jumps by, if that is enough
-    for modes in [1] * jumps + ["auto"] * (jumps or done.explains_little):
+    # one law, and what it jumps by, if that is enough; several, where one predicts little
+    for modes in [1] * jumps + ["auto"] * done.explains_little:
         several, asked = None, samples if jumps else _thinned(samples)
         what = "Looking for jumps" if modes == 1 else "Looking for several laws"
         with stage(what, watched), suppress(SolverError):  # the one law stands without them

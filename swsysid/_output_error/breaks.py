@@ -11,14 +11,15 @@ the level the state sticks to it: its own velocity is zero there, and the others
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
-from swsysid._stays.laws import Bound, Laws, Modes, Shape, chained
+from swsysid._stays.laws import Laws, Modes, Shape, chained
 from swsysid._stays.nodes import Rows
 
 # states, and if they are asked for, derivatives by those before and by coefficients
@@ -53,7 +54,7 @@ class BreakingLaws(Laws):
     def _flow(self, steps: Steps, varied: bool) -> Flow:
         columns = [np.where(steps.x[:, state] > level, 1.0, -1.0) for state, level in self.breaks]
         sides = np.column_stack(columns)
-        flow = self._on(sides, steps, varied)
+        flow = self.on(sides, steps, varied)
         parted = np.zeros(len(sides), dtype=bool)
         for number, (state, level) in enumerate(self.breaks):
             beyond = (flow[0][:, state] - level) * sides[:, number] < 0.0
@@ -67,7 +68,7 @@ class BreakingLaws(Laws):
                 )
         return flow
 
-    def _on(self, sides: Array, steps: Steps, varied: bool) -> Flow:
+    def on(self, sides: Array, steps: Steps, varied: bool) -> Flow:
         """Flow of the law as it is on some sides."""
         x, u, after, duration = steps
         u, after = np.hstack([u, sides]), np.hstack([after, sides])
@@ -75,69 +76,51 @@ class BreakingLaws(Laws):
             return super().flow(0, x, u, after, duration)
         return (super().step(np.zeros(len(x), dtype=np.intp), x, u, after, duration),)
 
-    def _rates(self, sides: Array, x: Array, u: Array) -> Array:
-        return self.velocities(np.zeros(len(x), dtype=np.intp), x, np.hstack([u, sides]))
+    def _rates(self, *rows: tuple[Array, Array, Array]) -> list[Array]:
+        """Rates of rows of sides, states and inputs, of each of several such, asked at once."""
+        sides, x, u = (np.concatenate(own) for own in zip(*rows, strict=True))
+        rates = self.velocities(np.zeros(len(x), dtype=np.intp), x, np.hstack([u, sides]))
+        return np.split(rates, len(rows))
 
     def _through(self, number: int, sides: Array, steps: Steps, ends: Array, varied: bool) -> Flow:
         """Flow of rows that pass a break; `ends` is where they would be without it."""
         (state, level), (x, u, after, duration) = self.breaks[number], steps
-        rates = [self._rates(sides, *pair)[:, state] for pair in ((x, u), (ends, after))]
+        rates = self._rates((sides, x, u), (sides, ends, after))
         share = _root(
-            x[:, state] - level, ends[:, state] - level, *(duration * one for one in rates)
+            x[:, state] - level,
+            ends[:, state] - level,
+            *(duration * one[:, state] for one in rates),
         )
+        beyond = sides.copy()
+        beyond[:, number] *= -1.0
         for turn in range(SETTINGS.turns_of_breaks):
             middle = u + share[:, None] * (after - u)
             is_last = turn + 1 == SETTINGS.turns_of_breaks
-            at, *by = self._on(sides, Steps(x, u, middle, share * duration), varied and is_last)
-            before = self._rates(sides, at, middle)
+            at, *by = self.on(sides, Steps(x, u, middle, share * duration), varied and is_last)
             if not is_last:
+                (before,) = self._rates((sides, at, middle))
                 move = _ratio(at[:, state] - level, before[:, state] * duration)
                 share = np.clip(share - move, 0.0, 1.0)
         at[:, state] = level
-        beyond = sides.copy()
-        beyond[:, number] *= -1.0
-        behind = self._rates(beyond, at, middle)
+        before, behind = self._rates((sides, at, middle), (beyond, at, middle))
         sticks = behind[:, state] * beyond[:, number] <= 0.0
         behind[sticks, state] = 0.0
         rest = Steps(at, middle, after, (1.0 - share) * duration)
-        last, *further = self._on(beyond, rest, varied)
-        rows = np.flatnonzero(sticks)
-        if rows.size:
-            _put((last, *further), rows, self._held(number, beyond[rows], rest.some(rows), varied))
+        last, *further = self._holding(number, sticks).on(beyond, rest, varied)
         if not varied:
             return (last,)
         jump = _ratio(behind - before, before[:, [state]]).T
         by_state, by_law = (one + one[:, [state]] * jump for one in by)
         by_at, added = further
+        by_at[state][:, sticks] = 0.0
         return last, chained(by_state, by_at), chained(by_law, by_at) + added
 
-    def _held(self, number: int, sides: Array, steps: Steps, varied: bool) -> Flow:
-        """Flow of the other states, while one sticks to its level."""
-        (state, level), (x, u, after, duration) = self.breaks[number], steps
-        n_states, n_rows = self.coef.shape[1], len(x)
-        others = np.delete(np.arange(n_states), state)
-        by = np.zeros((n_states, n_states, n_rows)), np.zeros((self.n_free, n_states, n_rows))
-        flow = x.copy(), *by[: 2 * varied]
-        if not others.size:
-            return flow
-
-        def features(columns: Array) -> Array:
-            return self.features(np.insert(columns, state, level, axis=1))
-
-        coef, spread, free = self.coef[:, others], self.spread[others], self.free[:, others]
-        at = {int(old): new for new, old in enumerate(others)}
-        shapes = tuple(Shape(at[one.state], *one[1:]) for one in self.shapes if one.state in at)
-        bounds = tuple(Bound(at[one.state], *one[1:]) for one in self.bounds if one.state in at)
-        laws = Laws(coef, features, spread, free, shapes=shapes, bounds=bounds)
-        u, after = np.hstack([u, sides]), np.hstack([after, sides])
-        if not varied:
-            modes = np.zeros(n_rows, dtype=np.intp)
-            flow[0][:, others] = laws.step(modes, x[:, others], u, after, duration)
-            return flow
-        flow[0][:, others], by_state, by_law = laws.flow(0, x[:, others], u, after, duration)
-        flow[1][np.ix_(others, others)] = by_state
-        flow[2][np.ix_(np.flatnonzero(self.places[1] != state), others)] = by_law
-        return flow
+    def _holding(self, number: int, sticks: NDArray[np.bool_]) -> BreakingLaws:
+        """The same while some rows stick to a level: their own rate is zero, the others go on."""
+        if not sticks.any():
+            return self
+        held = Shape(self.breaks[number].state, _stopped, (sticks,))
+        return replace(self, shapes=(*self.shapes, held))
 
 
 class Steps(NamedTuple):
@@ -174,6 +157,11 @@ def _root(before: Array, after: Array, slope_before: Array, slope_after: Array) 
         low, high = np.where(same, s, low), np.where(same, high, s)
         share = 0.5 * (low + high)
     return share
+
+
+def _stopped(rates: Array, states: Array, sticks: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Rates of a state, zero of rows that stick, and their slopes by what they would be."""
+    return np.where(sticks, 0.0, rates), np.where(sticks, 0.0, 1.0)
 
 
 def _ratio(over: Array, under: Array) -> Array:

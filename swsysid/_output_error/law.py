@@ -208,24 +208,24 @@ class Law:
 
     def _features(self, seen: Records, breaks: Sequence[Break], spread: Array) -> Library:
         n_columns, n_signals = seen.X.shape[1], seen.signals.shape[1]
+        bare = replace(seen, t=None, groups=None, average=None, decoded_modes=None)
 
         def features(columns: Array) -> Array:
             X, signals = columns[:, :n_columns], columns[:, n_columns : n_columns + n_signals]
-            here = replace(
-                seen, X=X, signals=signals, t=None, groups=None, average=None, decoded_modes=None
-            )
             sides = columns[:, columns.shape[1] - len(breaks) :]
-            on_sides = _on_sides(here, breaks, sides, spread) if breaks else here
+            here = replace(
+                bare, X=_on_sides(X, breaks, sides, spread) if breaks else X, signals=signals
+            )
             parts, place = [self.library(X)], n_columns + n_signals
             for term in self.terms:
                 count = len(term.effect.terms)
                 if remembers(term):
                     channel = term.effect.proportional_to(term.place)
-                    factor = 1.0 if channel is None else here.channel(channel)[:, None]
+                    factor = 1.0 if channel is None else columns[:, [channel]]
                     parts.append(columns[:, place : place + count] * factor)
                     place += count
                 else:
-                    parts.append(term.effect.columns(on_sides, term.place, *term.theta))
+                    parts.append(term.effect.columns(here, term.place, *term.theta))
             return np.hstack(parts)
 
         return features
@@ -254,14 +254,14 @@ class Slope(Effect):
         return np.asarray((ends[0] - ends[1]) / (2.0 * self.step))[:, None]
 
 
-def _on_sides(records: Records, breaks: Sequence[Break], sides: Array, spread: Array) -> Records:
-    """The records, a state no farther than its level where it counts as on the other side."""
-    X = records.X.copy()
+def _on_sides(X: Array, breaks: Sequence[Break], sides: Array, spread: Array) -> Array:
+    """Rows, a state no farther than its level where it counts as on the other side."""
+    X = X.copy()
     for (state, level), side in zip(breaks, sides.T, strict=True):
         nearest = _BEYOND * spread[state]
         above = np.maximum(X[:, state], level + nearest)
         X[:, state] = np.where(side > 0.0, above, np.minimum(X[:, state], level - nearest))
-    return replace(records, X=X)
+    return X
 
 
 def remembers(term: PlacedEffect) -> bool:

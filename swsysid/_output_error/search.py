@@ -223,9 +223,10 @@ class Search:
     def _models(self, now: Model, fits: Sequence[Fit]) -> Iterator[Model]:
         """Laws that fit best, fold by fold, if every fold tells all of their coefficients.
 
-        What explains less of its own than half of what a name surely does of unseen ones is not.
+        What explains less of its own than half of what a name surely does of unseen ones, or of
+        what is worth it, is not as good as that, and is not asked.
         """
-        series, most = self.stretches.series, 0.0
+        series, most = self.stretches.series, SETTINGS.worthwhile
         for fit in sorted(fits, key=cost):
             own = fall(Left(now.fit.left, series), Left(fit.left, series)).share
             if own < 0.5 * most:

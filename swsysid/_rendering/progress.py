@@ -2,8 +2,8 @@
 
 At a terminal a bar appears with the second second of the work and is drawn anew every second, so
 that a long step is seen to go on; work that takes less leaves its full bar only. A file or a pipe
-knows no way back to the beginning of a line: there the bar is a new line every ten seconds, and one
-at the end.
+knows no way back to the beginning of a line: there the bar is a new line with the second second,
+then one every ten seconds, and one at the end.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from typing import TypeVar
 
 from tqdm import tqdm
 
-_BEAT = 1.0  # s: to the first sight of a bar at a terminal, and from one drawing to the next
-_LINE = 10.0  # s: the same where every drawing is a line that stays
+_BEAT = 1.0  # s: to the first sight of a bar, and from one drawing to the next at a terminal
+_LINE = 10.0  # s: from one drawing to the next where every one is a line that stays
 
 Item = TypeVar("Item")
 
@@ -60,7 +60,7 @@ def watched(items: Sequence[Item], what: str, verbose: bool) -> Iterator[Item]:
 
 @contextmanager
 def stage(what: str, verbose: bool) -> Iterator[None]:
-    """Name the stage that begins; if nobody asked, only that it goes on, every ten seconds.
+    """Name the stage that begins; if nobody asked, only that it goes on: once it takes a while.
 
     Examples
     --------
@@ -87,8 +87,10 @@ def _beating(tell: Callable[[Item], None], what: Item, beat: float, idle: bool) 
     done = Event()
 
     def repeat() -> None:
-        while not done.wait(beat):
+        wait = _BEAT
+        while not done.wait(wait):
             tell(what)
+            wait = beat
 
     heart = Thread(target=repeat, daemon=True)
     heart.start()

@@ -1,12 +1,14 @@
 """What one law lacks, from the command line: recordings, laws of a quantity, several laws."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from swsysid import load_model
 from swsysid.__main__ import main
+from swsysid._cli.diagnosis import Diagnosis
 
 STEP = 0.02
 
@@ -151,6 +153,16 @@ def test_several_laws_take_the_place_of_one_that_explains_little(tmp_path, capsy
     # whoever names one law gets it
     text, _ = text_of([*asked, "--modes", "1"], tmp_path, capsys)
     assert "Several laws" not in text
+
+
+@pytest.mark.parametrize(("left", "is_all"), [(0.02, True), (0.05, False)])
+def test_where_one_law_leaves_noise_no_other_can_leave_a_third_of_it(left, is_all):
+    """Noise of .01: from 3 / 1.3 times that on several laws may be worth it."""
+    report = SimpleNamespace(errors=[{"held_out": [left, 9.0]}])
+    noise = SimpleNamespace(noise=np.array([0.01]))
+    samples = SimpleNamespace(smoothing=noise, rate_names=("q'", "q''"), n_known=1)
+    done = Diagnosis(SimpleNamespace(report_=report), samples, [])
+    assert done.leaves_noise == is_all
 
 
 def test_a_short_record_is_told_what_would_do(tmp_path, capsys):

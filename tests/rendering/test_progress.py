@@ -26,7 +26,8 @@ PLACES = pytest.mark.parametrize("place", ["terminal", "file"])
 
 def _is(place, monkeypatch):
     """Make standard error a terminal, or no terminal, both in quick time."""
-    monkeypatch.setattr(module, "_BEAT" if place == "terminal" else "_LINE", 0.05)
+    monkeypatch.setattr(module, "_BEAT", 0.05)
+    monkeypatch.setattr(module, "_LINE", 0.05)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: place == "terminal")
 
 
@@ -63,6 +64,7 @@ def test_a_long_step_is_seen_to_go_on(place, capsys, monkeypatch):
 
 
 def test_a_long_stage_that_nobody_watches_gets_a_line_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr(module, "_BEAT", 0.05)
     monkeypatch.setattr(module, "_LINE", 0.05)
     with stage("Reading", verbose=False):
         pass
@@ -74,6 +76,16 @@ def test_a_long_stage_that_nobody_watches_gets_a_line_now_and_then(capsys, monke
     with stage("Reading", verbose=True):
         sleep(0.2)
     assert capsys.readouterr().err == "Reading ...\n"
+
+
+@PLACES
+def test_the_first_sign_comes_with_the_second_second(place, capsys, monkeypatch):
+    _is(place, monkeypatch)
+    monkeypatch.setattr(module, "_LINE", 10.0)
+    with progress(None, "rounds", verbose=True), stage("Reading", verbose=False):
+        sleep(0.4)
+        told = capsys.readouterr().err
+    assert "rounds: 0it" in told and "Reading ... 0 s" in told
 
 
 @PLACES
