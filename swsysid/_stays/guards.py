@@ -3,6 +3,10 @@ r"""Surfaces that recordings cross at the instants of their switches.
 The surface between two modes is zero where a recording goes from one to the other,
 :math:`f(x(\tau)) = 0`. What is missing there is told as a time: :math:`f / \dot f` is how long the
 recording would take to the surface, whatever the scale of f.
+
+Where an input that is held steps, which says when, f jumps, and its zero is anywhere between the
+values before and after. It is told as if the step took an interval: in the middle of it on average,
+with the standard deviation of :math:`1 / \sqrt{12}` of an interval.
 """
 
 from __future__ import annotations
@@ -33,8 +37,9 @@ class Crossings(NamedTuple):
     old: Modes
     new: Modes
     told_by: Modes  # number of the transition whose guard tells it, -1 for none
-    columns: Array  # (n_switches, n_states + n_inputs + 2)
-    rates: Array  # of the columns, in the old mode
+    columns: Array  # (n_switches, n_states + n_inputs + 2); of inputs that step, the middle
+    rates: Array  # of the columns, in the old mode; where inputs step, their change by interval
+    steps: NDArray[np.bool_]  # (n_switches,): where they do
     varied: Array | None  # of the states, (n_switches, n_states, n_unknowns)
 
 
@@ -50,8 +55,9 @@ class Misses(NamedTuple):
 
     switches: NDArray[np.intp]
     times: Array  # (n_used,): f / |df/dt|
+    steps: NDArray[np.bool_]  # (n_used,): where inputs step
     by_columns: Array  # (n_used, n_states + n_inputs + 2)
-    by_instants: Array  # (n_used,): -1 or 1, less where the crossing grazes
+    by_instants: Array  # (n_used,): -1 or 1, less where the crossing grazes, 0 where inputs step
     by_coef: Array  # (n_used, n_free): by the free coefficients
 
     @property
@@ -156,9 +162,9 @@ class Guards:
         """The same, told the modes of samples; `unit` is a time that counts as one."""
         basis, slopes = slopes_of(self.features, columns, self.spread)
         speeds = np.abs(np.einsum("lf,kfc,kc->lk", self.coef, slopes, rates))
-        speeds = np.maximum(
-            speeds, LIMITS.slowest_crossing * np.median(speeds, axis=1, keepdims=True)
-        )
+        for own in speeds:
+            if own.any():  # one of inputs that are held moves where these step
+                own[:] = np.maximum(own, LIMITS.slowest_crossing * np.median(own[own > 0.0]))
         speeds[speeds == 0.0] = np.inf  # a surface that is not there has no sides
         scaled = basis / (speeds * unit)[:, :, None]
         # samples that slide are on no side
@@ -204,7 +210,9 @@ class Guards:
         by_columns[:, : gradients.shape[1]] = gradients / size[:, None]
         by_coef = np.zeros((len(used), *self.coef.shape))
         by_coef[np.arange(len(used)), surfaces] = basis / size[:, None]
-        return Misses(used, values / size, by_columns, rates / size, by_coef[:, self.free])
+        steps = at.steps[used]
+        by_instants = np.where(steps, 0.0, rates / size)
+        return Misses(used, values / size, steps, by_columns, by_instants, by_coef[:, self.free])
 
     def log_probabilities(
         self, columns: Array, rates: Array, covariance: Array | None, blurred: float

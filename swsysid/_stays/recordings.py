@@ -122,6 +122,11 @@ class Recordings:
         return at_once
 
     @property
+    def input_steps(self) -> NDArray[np.bool_]:
+        """Those of them in which an input steps."""
+        return self.at_once & (self.u[1:] != self.u[:-1]).any(axis=2)
+
+    @property
     def groups(self) -> NDArray[np.intp]:
         """Recording of every sample, the recordings one after the other."""
         return np.repeat(np.arange(len(self)), [len(places) for places in self.sampled])
