@@ -83,7 +83,8 @@ def assign(
     pieces, places = recordings.cut(settings.piece, settings.overlap)
     own = None if prior is None else pieces_of(prior, places)
 
-    flows = FlowFilter.of(laws, pieces, noise, disturbances[0])
+    spans = pieces_of(recordings.spans, places)
+    flows = FlowFilter.of(laws, pieces, noise, disturbances[0], spans)
 
     def told(candidate: int, price: float | Array) -> Decoded:
         filter_ = flows.disturbed(disturbances[candidate])
@@ -113,6 +114,14 @@ def assign(
     for k, n in enumerate(recordings.lengths):
         modes[n - 1 :, k] = modes[n - 2, k]
     return Assigned(modes, disturbances[best])
+
+
+def as_surfaces_tell(prior: Array, recordings: Recordings) -> NDArray[np.intp]:
+    """Modes of all intervals as surfaces alone tell them; where inputs step that behind the step."""
+    modes, stepping = prior.argmax(axis=2), recordings.input_steps
+    for k in reversed(range(len(modes) - 1)):
+        modes[k] = np.where(stepping[k], modes[k + 1], modes[k])
+    return modes
 
 
 def _likelihood(decoded: Decoded, prices: Array, stepping: NDArray[np.bool_]) -> float:

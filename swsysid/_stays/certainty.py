@@ -63,9 +63,13 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
 
 
 def _of_instants(nodes: Nodes, errors: Array) -> Array:
-    """Those of switches, from those of all instants: in a step of an input that of the step."""
+    """Those of switches, from those of all instants: in a step of an input that of the step.
+
+    Which is between two rows.
+    """
     n, of_nodes = len(nodes.at), np.zeros(len(nodes))
-    of_nodes[nodes.begins[nodes.stepping]] = errors[n:]
+    anywhere = nodes.recordings.interval / np.sqrt(12.0)
+    of_nodes[nodes.begins[nodes.stepping]] = np.minimum(errors[n:], anywhere)
     return np.where(nodes.in_steps, of_nodes[nodes.moments[1]], errors[:n])
 
 

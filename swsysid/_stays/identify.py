@@ -23,6 +23,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import (
     Assigned,
+    as_surfaces_tell,
     assign,
     disturbances,
     prior_of,
@@ -31,6 +32,7 @@ from swsysid._stays.assign import (
 )
 from swsysid._stays.count import is_exact, order_of_switches, surprise_of_switches
 from swsysid._stays.descent import Reached, most_likely
+from swsysid._stays.guards import Guards
 from swsysid._stays.identification import StayIdentification, StayRecord, leaves_noise, noise_of
 from swsysid._stays.laws import placed
 from swsysid._stays.lifted import Estimate, recombined
@@ -42,7 +44,13 @@ from swsysid._stays.retold import Turns, retold, with_visits, without_visits
 from swsysid._stays.samples import intervals_of, misfits, named_as, states_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
-from swsysid._stays.surfaces import on_present_modes, on_surface, with_few_monomials, with_surface
+from swsysid._stays.surfaces import (
+    in_one_column,
+    on_present_modes,
+    on_surface,
+    with_few_monomials,
+    with_surface,
+)
 from swsysid._ties import least_of
 
 
@@ -134,9 +142,11 @@ class Alternation:
         settled = self.found[-1].criterion < self.best.criterion + settings.roughly_converged
         if self._separates and changed and not settled and self._first < n_prices - 1:
             self._restarted(told)
+        self._in_one_column()
         while self._simplified():
             told()
         self._recombined()
+        self._by_steps()
         while self._visited():
             told()
         return self._polished(self.best)
@@ -237,19 +247,51 @@ class Alternation:
         Stays and surface agree with each other, also where both are a little wrong: what a
         coefficient is worth shows only where the modes are assigned without it.
         """
-        best, guards, settings = self.best, self.best.estimate.guards, self.settings
+        best, guards = self.best, self.best.estimate.guards
         if guards is None or not guards.n_free:
             return False
         guards, cost = without_weakest(guards, best.reached.covariance.of_guards)
-        if cost > settings.certain:
+        if cost > self.settings.certain:
             return False
+        return self._on_other_surface(best.model, guards, assigned=True)
+
+    def _by_steps(self) -> None:
+        """Try the stays that the surfaces tell by themselves, where inputs step."""
+        best, last = self.best, len(self.settings.prices) - 1
+        guards, recordings = best.estimate.guards, self._at(best)
+        if guards is None or best.estimate.slides or not recordings.input_steps.any():
+            return
+        prior = prior_of_guards(guards, None, recordings, self.settings.trust[-1], 0.0)
+        modes = as_surfaces_tell(prior, recordings)
+        moved = int((modes != intervals_of(best.estimate)).sum())
+        if moved:
+            self._go_on_from(best, self.prior)
+            assigned = Assigned(modes, self.disturbances[0])
+            first = assigned.estimate(self.laws, recordings, best.estimate)
+            self._keep(*self._on_same_surface(first), moved, last)
+
+    def _in_one_column(self) -> bool:
+        """Try thresholds of one column; true if that is better."""
+        found = in_one_column(self.best.model, self.best.reached)
+        return found is not None and self._on_other_surface(*found, assigned=False)
+
+    def _on_other_surface(
+        self, model: SwitchingSystemRegressor, guards: Guards, *, assigned: bool
+    ) -> bool:
+        """Assign the modes by other surfaces, and go on from there; true if that is better.
+
+        At first they are as they were `assigned`, or told at once.
+        """
+        best, settings = self.best, self.settings
         estimate = replace(best.estimate, guards=guards)
-        simpler = replace(best, reached=replace(best.reached, estimate=estimate))
+        reached = replace(best.reached, estimate=estimate)
+        simpler = replace(best, model=model, reached=reached)
         prior = prior_of_guards(guards, None, self._at(best), settings.trust[1], settings.blurred)
         self._go_on_from(simpler, prior)
         n_found = len(self.found)
-        self._keep(*self._on_same_surface(estimate), 0, len(settings.prices) - 1)
-        self.prior = prior
+        if assigned:
+            self._keep(*self._on_same_surface(estimate), 0, len(settings.prices) - 1)
+            self.prior = prior
         for turn in range(settings.rounds_of_simplified):
             far = self.found[-1].criterion > best.criterion + settings.hopeless
             if far and not (turn == 0 and best.estimate.slides):

@@ -104,10 +104,11 @@ def _best(search: Search, n_modes: int, channels: Mapping[int, tuple[Hold, ...]]
             other[channel] = hold
             tried = [_Trial.of(search, other, best.reached.estimate)]
             if n_modes > 1:
-                tried.append(_Trial(tuple(other), search.held(other).begun(n_modes).reached))
+                begun = search.held(other).begun(n_modes).reached
+                tried.append(_Trial(tuple(other), begun.with_noise(search.base.noise)))
             for one in tried:
-                clearly = one.reached.value < (1.0 - CLEARLY) * best.reached.value
-                if (clearly or one.n_instants < best.n_instants) and one.nats < best.nats:
+                clearly = one.left < (1.0 - CLEARLY) * best.left
+                if (clearly or one.switches) and one.nats < best.nats:
                     best = one
     return best
 
@@ -138,16 +139,26 @@ class _Trial:
         return cls(tuple(holds), most_likely(estimate, search.base.noise, search.settings))
 
     @property
+    def left(self) -> float:
+        """V above, whatever surfaces say."""
+        return self.reached.objective.value(replace(self.reached.estimate, guards=None))
+
+    @property
     def nats(self) -> float:
         """The measure above."""
         nodes = self.reached.estimate.nodes
         n_values = max(2, int(np.isfinite(nodes.y).sum()))
-        misfit = np.log(max(self.reached.value, np.finfo(float).tiny))
+        misfit = np.log(max(self.left, np.finfo(float).tiny))
         return float(0.5 * n_values * misfit + 0.5 * self.n_instants * np.log(n_values))
+
+    @property
+    def switches(self) -> bool:
+        """True if modes switch where inputs step, more often than elsewhere."""
+        in_steps = self.reached.estimate.nodes.in_steps
+        return bool(2 * in_steps.sum() > len(in_steps))
 
     @property
     def n_instants(self) -> int:
         """Instants of steps and of switches that no row tells."""
         nodes = self.reached.estimate.nodes
         return sum(map(len, nodes.recordings.unknown)) + int((~nodes.in_steps).sum())
-

@@ -309,9 +309,7 @@ class Objective:
 
     def _sizes(self, misses: Misses, nodes: Nodes) -> Array:
         """Standard deviations of misses: a step passes its surface anywhere."""
-        return np.where(
-            misses.steps, nodes.recordings.interval / np.sqrt(12.0), self.guard_time
-        )
+        return np.where(misses.steps, nodes.recordings.interval / np.sqrt(12.0), self.guard_time)
 
     def _misfit(self, estimate: Estimate) -> tuple[Array, Array]:
         """Misfits in units of the noise, zero where nothing was measured, and their slopes."""
