@@ -117,7 +117,7 @@ def assign(
 
 
 def as_surfaces_tell(prior: Array, recordings: Recordings) -> NDArray[np.intp]:
-    """Modes of all intervals as surfaces alone tell them; where inputs step that behind the step."""
+    """Modes of all intervals as surfaces alone tell them; where inputs step that behind it."""
     modes, stepping = prior.argmax(axis=2), recordings.input_steps
     for k in reversed(range(len(modes) - 1)):
         modes[k] = np.where(stepping[k], modes[k + 1], modes[k])

@@ -136,7 +136,7 @@ class NodeEquations:
         self.stiffness += (square * np.square(by_instant)).sum(axis=1)
         self.right_of_instants += (square * by_instant * gaps).sum(axis=1)
 
-    def hold_instants(self, known: NDArray[np.bool_], ends: Array) -> None:
+    def hold_instants(self, known: NDArray[np.bool_], ends: NDArray[np.intp]) -> None:
         """Leave those where they are that are known, or cannot be later (1) or sooner (-1)."""
         held = known | (ends * self.right_of_instants > 0.0)
         for part in (self.own, self.shared, self.stiffness, self.right_of_instants):

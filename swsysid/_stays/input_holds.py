@@ -23,7 +23,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.printing import counted
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.given import Given, without_clipped
-from swsysid._stays.identification import StayIdentification, leaves_noise
+from swsysid._stays.identification import leaves_noise
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin

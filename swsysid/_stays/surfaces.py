@@ -126,7 +126,8 @@ def in_one_column(
     given = PolynomialSurfaceClassifier() if model.surface is None else model.surface
     if reached.estimate.guards is None or not takes_relevance(given):
         return None
-    if not solves_margin_program(model.surface_) or not has_monomials(model.surface_):
+    fitted = model.surface_
+    if not (solves_margin_program(fitted) and has_monomials(fitted)) or fitted.powers is None:
         return None
     samples, n_modes = Samples.of(reached.estimate), len(reached.estimate.laws.coef)
     tried = []
@@ -136,8 +137,8 @@ def in_one_column(
         surface = _between_modes(asked, samples, reached)
         tried.append((surface, surface.predict(samples.columns) != samples.modes))
     best = min(range(len(tried)), key=lambda column: tried[column][1].mean())
-    powers, (surface, wrong) = model.surface_.powers, tried[best]
-    used = powers[(model.surface_.coef_ != 0.0).any(axis=0)]
+    surface, wrong = tried[best]
+    used = fitted.powers[(fitted.coef_ != 0.0).any(axis=0)]
     shares = np.bincount(samples.modes, minlength=n_modes)[:n_modes] / len(samples.modes)
     alike = used.sum() == used[:, best].sum() == 1
     if alike or wrong.mean() > 0.5 * shares.min():
