@@ -19,6 +19,7 @@ from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.start import in_these
+from swsysid._stays.width import width
 from swsysid._surfaces.surface import is_linear
 
 
@@ -40,25 +41,24 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     """
     estimate, laws = found.estimate, found.estimate.laws
     together = counted_as_one(found.reached)
-    covariance = found.reached.covariance
     features = found.model.switching_model.feature_map
     change = np.eye(features.n_features_out) if origin is None else origin.change(features)
-    of_laws = together * covariance.of_laws
-    of_laws[np.diag_indices(laws.n_free)] = np.where(
-        covariance.untold_laws, np.inf, np.diag(of_laws)
-    )
+    wide = width(found.reached, together)
+    of_laws = wide.of_shared[: laws.n_free, : laws.n_free].copy()
     if laws.region is not None:
         _at_bounds(found, of_laws, together)
     coef = errors_by(slopes_of(laws.coef.shape, laws.places, change), of_laws)
-    every = covariance_of_all(found, change, together * covariance.of_shared)
+    every = covariance_of_all(found, change, wide.of_shared)
     if laws.untold is not None:
         coef[laws.untold] = np.inf
         none = np.zeros(len(every) - coef.size, dtype=bool)
         every = untold(every, np.append(laws.untold, none))
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
-    errors = _of_instants(estimate.nodes, _errors(together * covariance.variances_of_instants))
+    errors = _of_instants(estimate.nodes, np.sqrt(wide.of_instants))
     instants = np.split(errors, np.cumsum(counts)[:-1])
-    of_surface = surface_errors(found, together * covariance.of_guards)
+    n_guards = 0 if estimate.guards is None else estimate.guards.n_free
+    of_guards = wide.of_shared[laws.n_free :, laws.n_free :][:n_guards, :n_guards]
+    of_surface = surface_errors(found, of_guards)
     return Certainty(coef, of_surface, instants, together, every)
 
 

@@ -83,14 +83,15 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   are paired in one pass (`_stays`, `_free_rollouts`);
 # - what is known joins what summaries of many rows say (`_losses`, `_identification`), is in rows
 #   of the mixed-integer program (`relaxations`), holds energies by cutting planes (`_known`), and
-#   maps, which are asked (`_discrete_stays/knowledge`, a file; `_automaton_search`).
+#   maps, which are asked (`_discrete_stays/knowledge`, a file; `_automaton_search`);
+# - errors at contacts, of which derivatives at the estimate say nothing (`_stays/width`, a file).
 # - what searches have estimated is kept for those after a refutation, and what chance may explain
 #   is told with how much more would tell (`_output_error`; `_effect_search`, whose memory of last
 #   answers is in `top`); several laws are asked of as many rows as one law is (`_cli`).
 #   answers is in `top`); several laws are asked of as many rows as one law is (`_cli`);
-# - a switch where a held input steps is told by the step: in its middle, at its instant (`_stays`), of
-#   features that are no sums of others (`_data`, `_surfaces`), and terms that a mode does not tell are
-#   left out of it;
+# - a switch where a held input steps is told by the step: in its middle, at its instant, which is
+#   tried as an edit (`_stays`, whose rounds are a file of their own); surfaces are of features that
+#   are no sums of others (`_data`, `_surfaces`), laws of terms that their mode tells;
 # - an energy that contradicts what else is known is refused (`_known`), what known equalities leave
 #   untold has no covariance (`_stays`), and instants are compared in intervals
 #   (`_automaton_search`);
@@ -126,7 +127,7 @@ MOST_LINES = {
     "_seeding": 1360,
     "_simulation": 2020,
     "_solvers": 1290,
-    "_stays": 9930,
+    "_stays": 10060,
     "_surfaces": 2400,
     "_tables": 2590,
     "_verdict": 1710,
@@ -134,7 +135,7 @@ MOST_LINES = {
 }
 # a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,
 # `refinement/_known`, `_surfaces/parameters`
-MOST_FILES = 425
+MOST_FILES = 427
 MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
