@@ -16,7 +16,7 @@ from swsysid._known.known import both_known, check_known
 from swsysid._pipelines import seeded
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
-from swsysid._stays.certainty import Certainty, certainty
+from swsysid._stays.certainty import Certainty, certainty, told_in_modes
 from swsysid._stays.condensed import Total, length_of, of_all
 from swsysid._stays.given import Given, read_given, warn_of_turns
 from swsysid._stays.identification import StayIdentification
@@ -256,7 +256,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
 
             options = estimator, search.base.noise, settings, search.guard
             self.known_ = checked(found, Again(again, *options))
-            found = origin.told(found)
+            found = origin.told(found if total is not None else told_in_modes(found))
         self._keep(given if total is None else None)
         self.input_holds_ = tuple(map(str, holds))
         sure = certainty(found, origin)

@@ -7,6 +7,7 @@ from functools import lru_cache
 from math import comb
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.preprocessing import PolynomialFeatures
 
@@ -15,12 +16,15 @@ from swsysid._data import coordinates
 from swsysid._data.coordinates import Extent, Monomials
 from swsysid._data.function_library import FunctionLibrary
 from swsysid._data.plans import Features, arrays, plan, powers_of
+from swsysid._data.rows import spread_rows
 from swsysid._results import Array
 
 # More columns than that are days of work at best, and terabytes at worst.
 _MOST_FEATURES = 3000
 # Sizes of features whose squares neither overflow nor vanish.
 _LARGEST, _SMALLEST = 1e100, 1e-100
+# Of a feature, what others must leave of it; rows that show first whether they do.
+_OF_ITS_OWN, _ROWS_OF_THEIR_OWN = 1e-5, 2000
 
 
 class FeatureMap:
@@ -212,3 +216,24 @@ def linear_features(features: Array, X: Array) -> dict[int, int]:
         for channel, feature in enumerate(best)
         if cosine[channel, feature] > 1.0 - 1e-10
     }
+
+
+def of_their_own(features: Array) -> NDArray[np.bool_]:
+    """Features (n_rows, n_features) that are no combination of those before them.
+
+    >>> u = np.array([0.0, 1.0, 1.0, 0.0])
+    >>> of_their_own(np.column_stack([u**0, u, u**2, [1, 2, 3, 4]]))
+    array([ True,  True, False,  True])
+    """
+    some = features[spread_rows(len(features), _ROWS_OF_THEIR_OWN)]
+    own = _of_their_own(some)
+    return own if own.all() or len(some) == len(features) else _of_their_own(features)
+
+
+def _of_their_own(features: Array) -> NDArray[np.bool_]:
+    norms = np.linalg.norm(features, axis=0)
+    scaled = features / np.where(norms > 0.0, norms, 1.0)
+    left = np.abs(np.diag(np.linalg.qr(scaled, mode="r")))
+    own = np.zeros(len(norms), dtype=bool)
+    own[: len(left)] = left > _OF_ITS_OWN
+    return own

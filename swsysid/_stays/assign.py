@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import entr
 
 from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
@@ -82,12 +83,16 @@ def assign(
     pieces, places = recordings.cut(settings.piece, settings.overlap)
     own = None if prior is None else pieces_of(prior, places)
 
-    flows = FlowFilter.of(laws, pieces, noise, disturbances[0])
+    spans = pieces_of(recordings.spans, places)
+    flows = FlowFilter.of(laws, pieces, noise, disturbances[0], spans)
+
+    def told(candidate: int, price: float | Array) -> Decoded:
+        filter_ = flows.disturbed(disturbances[candidate])
+        return decode(filter_, pieces, own, price=price, n_kept=settings.n_kept)
 
     @cache
     def found(candidate: int) -> tuple[float, Decoded]:
-        filter_ = flows.disturbed(disturbances[candidate])
-        decoded = decode(filter_, pieces, own, price=price, n_kept=settings.n_kept)
+        decoded = told(candidate, price)
         return float(decoded.log_likelihood.sum()), decoded
 
     best = len(disturbances) // 2
@@ -98,10 +103,37 @@ def assign(
             break
         best = better
     _, decoded = found(best)
+    if (stepping := pieces.input_steps).any():
+        in_steps = np.where(stepping, 0.0, price)
+        decoded = max(
+            (decoded, np.full(stepping.shape, price), np.zeros(stepping.shape, dtype=bool)),
+            (told(best, in_steps), in_steps, stepping),
+            key=lambda one: _likelihood(*one),
+        )[0]
     modes = recordings.of_pieces(decoded.modes, places)
     for k, n in enumerate(recordings.lengths):
         modes[n - 1 :, k] = modes[n - 2, k]
     return Assigned(modes, disturbances[best])
+
+
+def as_surfaces_tell(prior: Array, recordings: Recordings) -> NDArray[np.intp]:
+    """Modes of all intervals as surfaces alone tell them; where inputs step that behind it."""
+    modes, stepping = prior.argmax(axis=2), recordings.input_steps
+    for k in reversed(range(len(modes) - 1)):
+        modes[k] = np.where(stepping[k], modes[k + 1], modes[k])
+    return modes
+
+
+def _likelihood(decoded: Decoded, prices: Array, stepping: NDArray[np.bool_]) -> float:
+    """Log likelihood of decoded modes, where some intervals have switches as often as they have.
+
+    In place of the prices: those in which inputs step may have more of them than others.
+    """
+    switched = np.diff(decoded.modes, axis=0, prepend=decoded.modes[:1]) != 0
+    nats = float(decoded.log_likelihood.sum() + prices[switched].sum())
+    for some in (switched[stepping], switched[~stepping]):
+        nats -= float(some.size * entr([some.mean(), 1.0 - some.mean()]).sum()) if some.size else 0
+    return nats
 
 
 def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> Array:

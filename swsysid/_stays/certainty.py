@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from swsysid._classifier import PolynomialSurfaceClassifier
+from swsysid._data.features import of_their_own
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification, counted_as_one
+from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
+from swsysid._stays.start import in_these
 from swsysid._stays.width import width
 from swsysid._surfaces.surface import is_linear
 
@@ -45,17 +48,29 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     if laws.region is not None:
         _at_bounds(found, of_laws, together)
     coef = errors_by(slopes_of(laws.coef.shape, laws.places, change), of_laws)
-    guessed = _held(found, origin)[:, None, :] & (coef > 0.0)
-    coef[guessed] = np.inf
     every = covariance_of_all(found, change, wide.of_shared)
-    every = untold(every, np.append(guessed, np.zeros(len(every) - guessed.size, dtype=bool)))
+    if laws.untold is not None:
+        coef[laws.untold] = np.inf
+        none = np.zeros(len(every) - coef.size, dtype=bool)
+        every = untold(every, np.append(laws.untold, none))
     counts = [len(stays.instants) for stays in estimate.nodes.stays]
-    errors = np.sqrt(wide.of_instants[: sum(counts)])
+    errors = _of_instants(estimate.nodes, np.sqrt(wide.of_instants))
     instants = np.split(errors, np.cumsum(counts)[:-1])
     n_guards = 0 if estimate.guards is None else estimate.guards.n_free
     of_guards = wide.of_shared[laws.n_free :, laws.n_free :][:n_guards, :n_guards]
     of_surface = surface_errors(found, of_guards)
     return Certainty(coef, of_surface, instants, together, every)
+
+
+def _of_instants(nodes: Nodes, errors: Array) -> Array:
+    """Those of switches, from those of all instants: in a step of an input that of the step.
+
+    Which is between two rows.
+    """
+    n, of_nodes = len(nodes.at), np.zeros(len(nodes))
+    anywhere = nodes.recordings.interval / np.sqrt(12.0)
+    of_nodes[nodes.begins[nodes.stepping]] = np.minimum(errors[n:], anywhere)
+    return np.where(nodes.in_steps, of_nodes[nodes.moments[1]], errors[:n])
 
 
 def _at_bounds(found: StayIdentification, of_laws: Array, together: float) -> None:
@@ -69,23 +84,30 @@ def _at_bounds(found: StayIdentification, of_laws: Array, together: float) -> No
     of_laws[held, held] = alone[held]
 
 
-def _held(found: StayIdentification, origin: Origin | None) -> NDArray[np.bool_]:
-    """Features that vary, but nowhere inside the stays of a mode, (n_modes, n_features).
+def told_in_modes(found: StayIdentification) -> StayIdentification:
+    """The same without terms that say nothing of their own in a mode: earlier ones take their part.
 
-    What an input does in the step in which a mode changes is a guess, and no more is known of it
-    in that mode.
+    Such as an input that has one value there, beside a constant. What it does in the step in which
+    a mode changes is a guess.
     """
-    samples = Samples.of(found.estimate)
-    columns = samples.columns + (0.0 if origin is None else origin.offset)
-    features = found.model.switching_model.feature_map(columns)
-    varies = np.ptp(features, axis=0) > 0.0
+    laws, samples = found.estimate.laws, Samples.of(found.estimate)
+    features, coef = laws.features(samples.columns), laws.coef.copy()
     inside = np.diff(samples.modes, prepend=-1, append=-1) == 0  # as the sample before and after
-    inside = inside[:-1] & inside[1:]
-    held = np.zeros((len(found.estimate.laws.coef), features.shape[1]), dtype=bool)
-    for mode, row in enumerate(held):
-        own = inside & (samples.modes == mode)
-        row[:] = varies & own.any() & (features[own] == features[own][:1]).all(axis=0)
-    return held
+    untold = np.zeros(laws.free.shape, dtype=bool)
+    for mode in laws.modes:
+        rows = features[inside[:-1] & inside[1:] & (samples.modes == mode)]
+        own = of_their_own(rows)
+        if laws.region is not None or own.all() or len(rows) < len(own):
+            continue
+        free = laws.free[mode].any(axis=1)
+        coef[mode, free] = in_these(coef[mode][None], rows, own)[0, free]
+        untold[mode] = laws.free[mode] & ~own
+    if not untold.any():
+        return found
+    found.model.coef_ = coef
+    other = replace(laws, coef=coef, free=laws.free & ~untold, untold=untold)
+    estimate = replace(found.estimate, laws=other)
+    return replace(found, reached=replace(found.reached, estimate=estimate))
 
 
 def covariance_of_all(found: StayIdentification, change: Array, shared: Array) -> Array:

@@ -34,19 +34,19 @@ def decode(
     recordings: Recordings,
     prior: Array | None = None,
     *,
-    price: float,
+    price: float | Array,
     n_kept: int,
 ) -> Decoded:
-    """Modes of all intervals of all recordings; `price` of a switch is in nats.
+    """Modes of all intervals of all recordings; `price` of a switch is in nats, of each or of all.
 
     `prior` is the log probability of the modes, (n_times - 1, n_recordings, n_modes), by a surface
     that is not quite trusted; minus infinity where a recording cannot be in a mode.
     """
     beam = _Beam.begin(filter_, recordings, n_kept)
-    history = []
+    history, price = [], np.broadcast_to(price, recordings.steps.shape)
     for k, duration in enumerate(recordings.steps):
         grown = beam.grow(
-            filter_, recordings.y[k + 1], k, None if prior is None else prior[k], price
+            filter_, recordings.y[k + 1], k, None if prior is None else prior[k], price[k]
         )
         beam = grown.where(duration > 0.0, beam)
         history.append((beam.modes, beam.parents))
@@ -78,15 +78,16 @@ class _Beam:
         slots = np.tile(np.arange(shape[1]), (shape[0], 1))
         return cls(belief, slots % filter_.n_modes, scores, slots)
 
-    def grow(self, filter_: Filter, y: Array, k: int, prior: Array | None, price: float) -> _Beam:
-        """The beam one interval later."""
+    def grow(self, filter_: Filter, y: Array, k: int, prior: Array | None, price: Array) -> _Beam:
+        """The beam one interval later; `price` is that of each recording."""
         enters = self.modes[:, :, None] != np.arange(filter_.n_modes)
         ahead, gained = filter_.ahead(k, self.belief, self.modes)
         belief, seen = corrected(ahead, y, filter_.noise)
         gained = gained + seen
         gained[np.isnan(gained)] = _DIVERGED_NATS
         # at the first sample every mode has its hypothesis, and none needs to enter it
-        scores = self.scores[:, :, None] + gained - np.where(enters, price if k else np.inf, 0.0)
+        paid = price[:, None, None] if k else np.inf
+        scores = self.scores[:, :, None] + gained - np.where(enters, paid, 0.0)
         if prior is not None:
             scores += prior[:, None, :]
         return self._best(scores, enters, belief)

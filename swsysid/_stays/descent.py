@@ -99,10 +99,10 @@ class Reached:
     @property
     def n_unknowns(self) -> float:
         """Free coefficients, instants, and what the states are worth."""
-        estimate = self.estimate
+        estimate, nodes = self.estimate, self.estimate.nodes
         of_guards = 0 if estimate.guards is None else estimate.guards.n_free
-        told = self.objective.n_states_told(estimate.nodes)
-        n_instants = len(estimate.nodes.intervals_of_instants)
+        told = self.objective.n_states_told(nodes)
+        n_instants = len(nodes.intervals_of_instants) - nodes.in_steps.sum()
         return estimate.laws.freedom + n_instants + of_guards + told
 
 

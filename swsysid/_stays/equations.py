@@ -136,9 +136,9 @@ class NodeEquations:
         self.stiffness += (square * np.square(by_instant)).sum(axis=1)
         self.right_of_instants += (square * by_instant * gaps).sum(axis=1)
 
-    def hold_instants(self, ends: Array) -> None:
-        """Leave those where they are that cannot be later (1) or sooner (-1), and would be."""
-        held = ends * self.right_of_instants > 0.0
+    def hold_instants(self, known: NDArray[np.bool_], ends: NDArray[np.intp]) -> None:
+        """Leave those where they are that are known, or cannot be later (1) or sooner (-1)."""
+        held = known | (ends * self.right_of_instants > 0.0)
         for part in (self.own, self.shared, self.stiffness, self.right_of_instants):
             part[held] = 0.0
 
@@ -193,7 +193,7 @@ class NodeEquations:
         else keep whole trajectories where they are. Laws and surfaces are damped by what is known
         of them once nodes and instants are eliminated.
         """
-        least = LIMITS.rounding * np.diag(self.corner)
+        least = LIMITS.rounding * np.where(np.diag(self.corner) > 0.0, np.diag(self.corner), 1.0)
         least[self.n_shared :] += self.hold * (1.0 + damping)
         try:
             matrix, right, turns = self._reduced(self.hold * (1.0 + damping), damping)

@@ -110,12 +110,23 @@ class FlowFilter:
     halves: tuple[Linear, Linear]
     rates: Linear  # velocities in the middle of intervals
     steps: Array  # (n_steps, n_recordings)
+    spans: Array  # of the same shape: durations in which switches may be
     surfaces: Surfaces | None = None
     entering: Array | None = None  # (n_states, n_modes): variances more where a mode is entered
 
     @classmethod
-    def of(cls, laws: Laws, recordings: Recordings, noise: Array, disturbance: Array) -> FlowFilter:
-        """That of some laws along the rough states of recordings."""
+    def of(
+        cls,
+        laws: Laws,
+        recordings: Recordings,
+        noise: Array,
+        disturbance: Array,
+        spans: Array | None = None,
+    ) -> FlowFilter:
+        """That of some laws along the rough states of recordings.
+
+        `spans` are durations in which switches may be, those of the intervals by default.
+        """
         shape, laws = recordings.steps.shape, laws.known()
         x, u, after = recordings.guess[:-1], recordings.u[:-1], recordings.u[1:]
         steps = recordings.steps.ravel()
@@ -136,8 +147,9 @@ class FlowFilter:
         slope = (change - 0.5 * np.einsum("abmkr,bcmkr->acmkr", change, change)) / half
         offset = values - (slope * middle.T.reshape(-1, 1, *shape)).sum(axis=1)
         rates = Linear(offset, slope)
-        surfaces = _surfaces(laws, flat[1], flat[3], shape)
-        return cls(noise, disturbance, laws.spread, halves, rates, recordings.steps, surfaces)
+        surfaces, steps = _surfaces(laws, flat[1], flat[3], shape), recordings.steps
+        spans = steps if spans is None else spans
+        return cls(noise, disturbance, laws.spread, halves, rates, steps, spans, surfaces)
 
     @property
     def n_modes(self) -> int:
@@ -157,7 +169,7 @@ class FlowFilter:
         wide = Belief(half.mean[:, None], half.covariance[:, :, None])
         mean, covariance = _through(*second.of_all(k), wide)
         rates = self.rates.at(k, half.mean[:, None])
-        jump = (rates - np.take_along_axis(rates, own[None, None], axis=1)) * duration
+        jump = (rates - np.take_along_axis(rates, own[None, None], axis=1)) * self.spans[k]
         covariance += jump[:, None] * jump[None] / 12.0
         diagonal = np.arange(len(mean))
         more = np.square(self.disturbance)[:, None, None, None] * duration

@@ -162,11 +162,16 @@ def _crossings(laws: Laws, nodes: Nodes, at: _Parts, x: Array, varied: Array | N
     """Those of the first of some intervals, in which modes switch."""
     n, rate = len(nodes.at), slope_of(at.u, at.after, at.steps)
     clocks = np.column_stack([nodes.instants - nodes.entered, nodes.instants])
-    columns = np.hstack([x[:n], at.middle[:n], clocks])
     velocities = laws.velocities(at.old, x, at.middle, rate)
+    columns = np.hstack([x[:n], at.middle[:n], clocks])
     rates = np.hstack([velocities[:n], rate[:n], np.ones(clocks.shape)])
+    steps, inputs = nodes.in_steps, slice(x.shape[1], -clocks.shape[1])
+    before, after = (nodes.u[own[steps]] for own in nodes.moments)
+    columns[steps, inputs], rates[steps] = 0.5 * (before + after), 0.0
+    rates[steps, inputs] = (after - before) / nodes.recordings.interval
     sides = laws.sides(at.old[:n], at.new[:n])
-    return Crossings(*sides, nodes.told_by, columns, rates, None if varied is None else varied[:n])
+    varied = None if varied is None else varied[:n]
+    return Crossings(*sides, nodes.told_by, columns, rates, steps, varied)
 
 
 class _Parts(NamedTuple):

@@ -3,6 +3,10 @@ r"""Surfaces that recordings cross at the instants of their switches.
 The surface between two modes is zero where a recording goes from one to the other,
 :math:`f(x(\tau)) = 0`. What is missing there is told as a time: :math:`f / \dot f` is how long the
 recording would take to the surface, whatever the scale of f.
+
+Where an input that is held steps, which says when, f jumps, and its zero is anywhere between the
+values before and after. It is told as if the step took an interval: in the middle of it on average,
+with the standard deviation of :math:`1 / \sqrt{12}` of an interval.
 """
 
 from __future__ import annotations
@@ -33,8 +37,9 @@ class Crossings(NamedTuple):
     old: Modes
     new: Modes
     told_by: Modes  # number of the transition whose guard tells it, -1 for none
-    columns: Array  # (n_switches, n_states + n_inputs + 2)
-    rates: Array  # of the columns, in the old mode
+    columns: Array  # (n_switches, n_states + n_inputs + 2); of inputs that step, the middle
+    rates: Array  # of the columns, in the old mode; where inputs step, their change by interval
+    steps: NDArray[np.bool_]  # (n_switches,): where they do
     varied: Array | None  # of the states, (n_switches, n_states, n_unknowns)
 
 
@@ -43,6 +48,9 @@ class Sides(NamedTuple):
 
     basis: Array  # (n_surfaces, n_rows, n_surface_features), in units of a time from the surface
     signs: NDArray[np.int64]  # (n_surfaces, n_rows): of the mode that a sample is in
+    # (n_surfaces, n_rows): how far it must be, a unit where the surface stands still: one that is
+    # zero at a value of an input that is held has no sides there
+    margins: Array
 
 
 class Misses(NamedTuple):
@@ -50,8 +58,9 @@ class Misses(NamedTuple):
 
     switches: NDArray[np.intp]
     times: Array  # (n_used,): f / |df/dt|
+    steps: NDArray[np.bool_]  # (n_used,): where inputs step
     by_columns: Array  # (n_used, n_states + n_inputs + 2)
-    by_instants: Array  # (n_used,): -1 or 1, less where the crossing grazes
+    by_instants: Array  # (n_used,): -1 or 1, less where the crossing grazes, 0 where inputs step
     by_coef: Array  # (n_used, n_free): by the free coefficients
 
     @property
@@ -156,23 +165,24 @@ class Guards:
         """The same, told the modes of samples; `unit` is a time that counts as one."""
         basis, slopes = slopes_of(self.features, columns, self.spread)
         speeds = np.abs(np.einsum("lf,kfc,kc->lk", self.coef, slopes, rates))
-        speeds = np.maximum(
-            speeds, LIMITS.slowest_crossing * np.median(speeds, axis=1, keepdims=True)
-        )
+        moving = [own[_moves(own, own.max())] for own in speeds]
+        usual = np.array([np.median(own) if own.size else 0.0 for own in moving])[:, None]
+        margins = np.where(_moves(speeds, usual), 0.0, 1.0)
+        speeds = _not_still(speeds, usual)
         speeds[speeds == 0.0] = np.inf  # a surface that is not there has no sides
         scaled = basis / (speeds * unit)[:, :, None]
         # samples that slide are on no side
         signs = np.zeros((len(modes), len(self.coef)), dtype=np.int64)
         beside = modes < len(self.mode_book)
         signs[beside] = self.mode_book[modes[beside]]
-        return replace(self, sides=Sides(scaled, signs.T))
+        return replace(self, sides=Sides(scaled, signs.T, np.where(signs.T == 0, 0.0, margins)))
 
     def wrong_sides(self) -> Array:
         """Times by which samples lie on the wrong side, (n_surfaces, n_rows), in the unit."""
         if self.sides is None:
             return np.zeros((len(self.coef), 0))
         values = np.matmul(self.sides.basis, self.coef[:, :, None])[:, :, 0]
-        return np.maximum(0.0, -self.sides.signs * values)
+        return np.maximum(0.0, self.sides.margins - self.sides.signs * values)
 
     def side_equations(self) -> tuple[Array, Array, float]:
         """Gauss and Newton's matrix of half the squares of these, negative gradient, value."""
@@ -188,23 +198,22 @@ class Guards:
         return matrix, right, float(0.5 * np.square(wrong).sum())
 
     def misses(self, at: Crossings) -> Misses:
-        """Times to the surface, for switches between modes that one surface separates.
-
-        Rates far below the median of their surface, where a crossing grazes, count as a part of it.
-        """
+        """Times to the surface, for switches between modes that one surface separates."""
         surfaces, used = self.crossed(at)
         basis, slopes, moving = self._crossing(at, used)
         coef = self.coef[surfaces]
         values = np.einsum("kf,kf->k", coef, basis)
         gradients = np.einsum("kf,kfc->kc", coef, slopes)
         rates = np.einsum("kc,kc->k", gradients, moving)
-        slowest = LIMITS.slowest_crossing * self._medians(surfaces, np.abs(rates))[surfaces]
-        size = np.maximum(np.maximum(np.abs(rates), slowest), _NEVER)
+        usual = self._medians(surfaces, np.abs(rates))[surfaces]
+        size = np.maximum(_not_still(np.abs(rates), usual), _NEVER)
         by_columns = np.zeros((len(used), at.columns.shape[1]))
         by_columns[:, : gradients.shape[1]] = gradients / size[:, None]
         by_coef = np.zeros((len(used), *self.coef.shape))
         by_coef[np.arange(len(used)), surfaces] = basis / size[:, None]
-        return Misses(used, values / size, by_columns, rates / size, by_coef[:, self.free])
+        steps = at.steps[used]
+        by_instants = np.where(steps, 0.0, rates / size)
+        return Misses(used, values / size, steps, by_columns, by_instants, by_coef[:, self.free])
 
     def log_probabilities(
         self, columns: Array, rates: Array, covariance: Array | None, blurred: float
@@ -233,3 +242,18 @@ class Guards:
         """Places of the free coefficients of each surface among all of them."""
         counts = self.free.sum(axis=1)
         return np.split(np.arange(counts.sum()), np.cumsum(counts)[:-1])
+
+
+def _moves(rates: Array, usual: Array) -> NDArray[np.bool_]:
+    """False where a surface stands still, as one of inputs that are held between their steps."""
+    return rates > LIMITS.difference * usual
+
+
+def _not_still(rates: Array, usual: Array) -> Array:
+    """Rates at which a surface is told, by the usual ones.
+
+    Those far below, where a crossing grazes, count as a part of these; where it stands still, it
+    counts as usual.
+    """
+    grazing = np.maximum(rates, LIMITS.slowest_crossing * usual)
+    return np.where(_moves(rates, usual), grazing, usual)

@@ -1,12 +1,13 @@
 r"""Whether an input that is constant by pieces is on a line where it steps, or steps at an instant.
 
-With V half the sum of squares that laws and states of highest likelihood leave of n values, stays
-as the first rounds have told them,
+With V half the sum of squares that laws and states of highest likelihood leave of n values,
 
 .. math:: \tfrac n2 \log V + \tfrac m2 \log n
 
 is least for one of three: it is on a line between two rows, it keeps its value until the next row,
-or it steps at one of m instants between the rows, which are estimated with the laws.
+or it steps at instants between the rows, which are estimated with the laws. The m instants that no
+row tells are these and those at which modes switch by themselves: a switch by an input that steps
+is where it steps. Stays are as the first rounds have told them, or told anew.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.printing import counted
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.given import Given, without_clipped
-from swsysid._stays.identification import StayIdentification, leaves_noise
+from swsysid._stays.identification import leaves_noise
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin
@@ -72,7 +73,7 @@ def holds_of(
         given = Origin.of(given, estimator, order).counted(given)
         search = Search(estimator, given, order, None, settings, lambda: None)
         for n_modes in () if search.is_exact else dict.fromkeys((1, search.usual_count)):
-            best = _best(search, search.begun(n_modes), channels)
+            best = _best(search, n_modes, channels)
             is_law = n_modes != 1 or leaves_noise(best.reached, search.base.noise)
             if best.holds != lines and (is_law or search.usual_count == 1):
                 return best.holds
@@ -93,21 +94,22 @@ def told_holds(input_hold: object, n_inputs: int) -> tuple[Hold, ...]:
     return tuple(Hold(one_of("input_hold", one, map(str, Hold))) for one in told)
 
 
-def _best(
-    search: Search, begun: StayIdentification, channels: Mapping[int, tuple[Hold, ...]]
-) -> _Trial:
-    """What inputs do at best, with laws and stays as the first rounds have told them."""
-    best = _Trial.of(search, (Hold.LINE,) * search.given.n_inputs, begun.estimate)
+def _best(search: Search, n_modes: int, channels: Mapping[int, tuple[Hold, ...]]) -> _Trial:
+    """What inputs do at best in the first rounds with so many modes."""
+    lines = (Hold.LINE,) * search.given.n_inputs
+    best = _Trial.of(search, lines, search.begun(n_modes).estimate)
     for channel, holds in channels.items():
-        if _switches(begun.estimate, search.given, channel):
-            continue
         for hold in holds:
             other = [*best.holds]
             other[channel] = hold
-            tried = _Trial.of(search, other, best.reached.estimate)
-            clearly = tried.reached.value < (1.0 - CLEARLY) * best.reached.value
-            if clearly and tried.nats < best.nats:
-                best = tried
+            tried = [_Trial.of(search, other, best.reached.estimate)]
+            if n_modes > 1:
+                begun = search.held(other).begun(n_modes).reached
+                tried.append(_Trial(tuple(other), begun.with_noise(search.base.noise)))
+            for one in tried:
+                clearly = one.left < (1.0 - CLEARLY) * best.left
+                if (clearly or one.switches) and one.nats < best.nats:
+                    best = one
     return best
 
 
@@ -137,22 +139,26 @@ class _Trial:
         return cls(tuple(holds), most_likely(estimate, search.base.noise, search.settings))
 
     @property
+    def left(self) -> float:
+        """V above, whatever surfaces say."""
+        return self.reached.objective.value(replace(self.reached.estimate, guards=None))
+
+    @property
     def nats(self) -> float:
         """The measure above."""
         nodes = self.reached.estimate.nodes
         n_values = max(2, int(np.isfinite(nodes.y).sum()))
-        misfit = np.log(max(self.reached.value, np.finfo(float).tiny))
-        n_steps = sum(map(len, nodes.recordings.unknown))
-        return float(0.5 * n_values * misfit + 0.5 * n_steps * np.log(n_values))
+        misfit = np.log(max(self.left, np.finfo(float).tiny))
+        return float(0.5 * n_values * misfit + 0.5 * self.n_instants * np.log(n_values))
 
+    @property
+    def switches(self) -> bool:
+        """True if modes switch where inputs step, more often than elsewhere."""
+        in_steps = self.reached.estimate.nodes.in_steps
+        return bool(2 * in_steps.sum() > len(in_steps))
 
-def _switches(estimate: Estimate, given: Given, channel: int) -> bool:
-    """True of an input that steps where modes switch: their instants are those of its steps."""
-    switched = []
-    for stays, record in zip(estimate.nodes.stays, given.records, strict=True):
-        steps = np.flatnonzero(np.diff(record.u[:, channel]))
-        # in the interval of a step or the next one
-        around = record.t[steps], record.t[np.minimum(steps + 2, len(record.t) - 1)]
-        first, last = (np.searchsorted(stays.instants, t) for t in around)
-        switched.append(last > first)
-    return bool(np.concatenate(switched).mean() > 0.5)
+    @property
+    def n_instants(self) -> int:
+        """Instants of steps and of switches that no row tells."""
+        nodes = self.reached.estimate.nodes
+        return sum(map(len, nodes.recordings.unknown)) + int((~nodes.in_steps).sum())

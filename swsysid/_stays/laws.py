@@ -58,6 +58,8 @@ class Laws:
     inside: tuple[Features, ...] = field(default=(), kw_only=True)
     shapes: tuple[Shape, ...] = field(default=(), kw_only=True)
     bounds: tuple[Bound, ...] = field(default=(), kw_only=True)
+    # of the shape of coef: terms that are left out where samples do not tell them from others
+    untold: NDArray[np.bool_] | None = field(default=None, kw_only=True)
     region: Region | None = field(default=None, kw_only=True)  # of coefficients, as is known
     order: int = field(default=4, kw_only=True)  # of a step
 
@@ -74,7 +76,10 @@ class Laws:
     def taken(self, modes: Modes) -> Laws:
         """Those of some modes, in another order."""
         region = None if self.region is None else self.region.of_modes(len(modes))
-        return replace(self, coef=self.coef[modes], free=self.free[modes], region=region)
+        untold = None if self.untold is None else self.untold[modes]
+        return replace(
+            self, coef=self.coef[modes], free=self.free[modes], untold=untold, region=region
+        )
 
     def moved(self, step: Array) -> Laws:
         """The laws after a step of their unknowns, those inside of features left as they are."""

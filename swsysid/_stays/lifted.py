@@ -209,7 +209,7 @@ class Objective:
         of_nodes[nodes.begins] += 0.5 * np.square(self.gaps(estimate)).sum(axis=1)
         if guards is not None:
             misses = guards.misses(estimate.crossings)
-            far = _far(misses.times / self.guard_time)
+            far = _far(misses.times / self._sizes(misses, nodes))
             np.add.at(of_nodes, nodes.begins[nodes.at[misses.switches]], far)
         values = nodes.by_recording(of_nodes)
         if guards is not None and guards.sides is not None:
@@ -256,9 +256,11 @@ class Objective:
             gaps = self._add_ties(equations, estimate, switches.legs, weights)
             own = weights[switches.legs.rows]
             equations.add_instants(switches.legs, switches.by_instant, gaps, own)
-            equations.hold_instants(np.append(np.zeros(len(nodes.at)), nodes.ends_of_steps))
+            known = np.append(nodes.in_steps, np.zeros(len(nodes.stepping), dtype=bool))
+            ends = np.append(np.zeros(len(nodes.at), dtype=np.intp), nodes.ends_of_steps)
+            equations.hold_instants(known, ends)
             if guards is not None and misses is not None:
-                self._add_guards(equations, guards, misses, switches.crossings)
+                self._add_guards(equations, nodes, guards, misses, switches.crossings)
                 equations.keep_instants()
         return equations
 
@@ -272,14 +274,20 @@ class Objective:
         return gaps
 
     def _add_guards(
-        self, equations: NodeEquations, guards: Guards, misses: Misses, crossings: Crossings
+        self,
+        equations: NodeEquations,
+        nodes: Nodes,
+        guards: Guards,
+        misses: Misses,
+        crossings: Crossings,
     ) -> None:
         """Add what crossings say that miss their surface; a far one counts less."""
         assert crossings.varied is not None
         n_states, n_laws, n_guards = len(self.noise), equations.n_laws, equations.n_guards
-        times = misses.times / self.guard_time
+        sizes = self._sizes(misses, nodes)
+        times = misses.times / sizes
         root = (1.0 + np.square(times / LIMITS.far_miss)) ** -0.25
-        weight = root / self.guard_time
+        weight = root / sizes
         varied = np.einsum(
             "kc,kcz->kz", misses.by_columns[:, :n_states], crossings.varied[misses.switches]
         )
@@ -298,6 +306,10 @@ class Objective:
         matrix, right, of_sides = guards.side_equations()
         equations.add_sides(matrix, right)
         equations.value += of_sides
+
+    def _sizes(self, misses: Misses, nodes: Nodes) -> Array:
+        """Standard deviations of misses: a step passes its surface anywhere."""
+        return np.where(misses.steps, nodes.recordings.interval / np.sqrt(12.0), self.guard_time)
 
     def _misfit(self, estimate: Estimate) -> tuple[Array, Array]:
         """Misfits in units of the noise, zero where nothing was measured, and their slopes."""

@@ -38,6 +38,8 @@ class Nodes:
     sizes : ndarray of shape (n_nodes, n_states)
         Noise of the samples, by that of their channel.
     recording, t : ndarray of shape (n_nodes,)
+    at_once : ndarray of shape (n_nodes,)
+        True for nodes whose interval is the moment of an event or of a step of an input.
     begins : ndarray of shape (n_intervals,)
         Node at which each interval begins; it ends at the next one.
     steps : ndarray of shape (n_intervals,)
@@ -76,14 +78,16 @@ class Nodes:
         ahead = np.concatenate([recordings.after, recordings.u[-1:]])
         self.after = recordings.in_a_row(ahead)
         self.t = np.concatenate(recordings.times)
-        self.steps = durations(self.t)[self.begins]
+        self.at_once = recordings.in_a_row(np.pad(recordings.at_once, ((0, 1), (0, 0))))
+        # nothing flows in a moment: a law could else make a jump of it
+        self.steps = np.where(self.at_once, 0.0, np.append(durations(self.t), 0.0))[self.begins]
         # an event takes no time, and what it may leave of the state is not infinitely sure
         least = LIMITS.shortest_step * recordings.interval
         self.parts = np.maximum(self.steps, least) / recordings.interval
 
     def place_switches(self) -> None:
         """Modes before and after the switch of each interval, and where it is."""
-        for known in ("names", "_bounds"):
+        for known in ("names", "_bounds", "moments"):
             vars(self).pop(known, None)
         self.instants = np.concatenate([stays.instants for stays in self.stays])
         modes, cells = [], []
@@ -102,6 +106,7 @@ class Nodes:
         """Put the switches into their intervals."""
         self.at, self.switch = intervals, np.full(len(self.begins), -1)
         self.switch[intervals] = np.arange(len(intervals))
+        vars(self).pop("moments", None)
 
     def joined(self, as_usual: bool) -> Nodes:
         """The same nodes in segments, or each interval by itself."""
@@ -158,6 +163,20 @@ class Nodes:
             np.append(np.nan, stays.instants)[: len(stays.instants)] for stays in self.stays
         ])  # fmt: skip
 
+    @cached_property
+    def moments(self) -> tuple[Rows, Rows]:
+        """Nodes before and after the moment in which each switch is, both the same for none."""
+        run = np.cumsum(np.append(True, ~self.at_once[:-1]))  # one number for all nodes of a moment
+        own = self.begins[self.at]
+        first, last = (np.searchsorted(run, run[own], side) for side in ("left", "right"))
+        return np.where(self.at_once[own], first, own), np.where(self.at_once[own], last - 1, own)
+
+    @property
+    def in_steps(self) -> NDArray[np.bool_]:
+        """Switches in the moment in which an input steps, which says when they are."""
+        before, after = self.moments
+        return np.asarray((self.u[before] != self.u[after]).any(axis=1))
+
     @property
     def intervals_of_instants(self) -> Rows:
         """Those of the instants, and then those in which inputs step at unknown times."""
@@ -172,9 +191,15 @@ class Nodes:
     def shares(self) -> Array:
         """Part of each interval before its switch; where there is none, of the first step."""
         shares = np.full(len(self.begins), self.recordings.first_step)
-        shares[self.at] = (self.instants - self.t[self.begins[self.at]]) / self.steps[self.at]
+        shares[self.at] = self._shares_of_instants
         shares[self.stepping] = 0.0
         return shares
+
+    @property
+    def _shares_of_instants(self) -> Array:
+        """Part of the interval of each switch before it."""
+        own = self.begins[self.at]
+        return np.asarray((self.instants - self.t[own]) / (self.t[own + 1] - self.t[own]))
 
     def with_stays(self, stays: Sequence[Stays]) -> Nodes:
         """The same nodes of recordings that switch otherwise."""
@@ -214,13 +239,18 @@ class Nodes:
         other = copy(self)
         other.place_times(self.recordings.with_step_times(times))
         later = other.t - self.t
-        own = self.begins[self.at]
-        share = (self.instants - self.t[own]) / self.steps[self.at]
+        own, share = self.begins[self.at], self._shares_of_instants
         instants = self.instants + later[own] + share * (later[own + 1] - later[own])
         return other.moved(instants), later
 
     def moved(self, instants: Array) -> Nodes:
-        """The same nodes with other instants; a switch may enter another interval."""
+        """The same nodes with other instants; a switch may enter another interval.
+
+        One in the moment of a step of an input stays there.
+        """
+        there = self.begins[self.at]
+        held = np.clip(instants, self.t[there], np.nextafter(self.t[there + 1], -np.inf))
+        instants = np.where(self.in_steps, held, instants)
         parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
         own, (low, high) = self.begins[self.at], self._bounds.T
         within = np.clip(instants, low, np.maximum(low, np.nextafter(high, low)))

@@ -122,6 +122,20 @@ class Recordings:
         return at_once
 
     @property
+    def input_steps(self) -> NDArray[np.bool_]:
+        """Those of them in which an input steps."""
+        return self.at_once & (self.u[1:] != self.u[:-1]).any(axis=2)
+
+    @property
+    def spans(self) -> Array:
+        """Durations in which a switch may be: of a step between two rows all that between them."""
+        spans, n = self.steps.copy(), self.per_sample
+        for k, own in enumerate(self.unknown):
+            moment = own[:, None] - np.arange(1, n + 1)
+            spans[moment, k] = (self.times[k][own + n] - self.times[k][own - 2 * n])[:, None]
+        return spans
+
+    @property
     def groups(self) -> NDArray[np.intp]:
         """Recording of every sample, the recordings one after the other."""
         return np.repeat(np.arange(len(self)), [len(places) for places in self.sampled])

@@ -28,7 +28,9 @@ class Samples:
         recordings = estimate.nodes.recordings
         modes = modes_of(estimate)
         states, u = recordings.joined(states_of(estimate)), recordings.joined(recordings.u)
-        steps = np.where(recordings.steps > 0.0, recordings.steps, np.inf)
+        # seen from a surface what steps at once takes an interval
+        steps = np.where(recordings.at_once, recordings.interval, recordings.steps)
+        steps = np.where(steps > 0.0, steps, np.inf)
         slopes = np.diff(recordings.u, axis=0) / steps[:, :, None]
         rates = recordings.joined(np.concatenate([slopes, slopes[-1:]]))
         velocities = estimate.motion.velocities(modes, states, u, rates)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from swsysid._checks.parameters import shown, whole
+from swsysid._data.features import of_their_own
+from swsysid._data.recordings import Hold
 from swsysid._identification.within import KnownGuard
 from swsysid._journal import offer, step
 from swsysid._regressor import SwitchingSystemRegressor
@@ -43,7 +45,6 @@ from swsysid._stays.start import (
     differentiated,
     in_these,
     law_of_positions,
-    of_their_own,
     start_from,
 )
 from swsysid._stays.stays import Stays
@@ -94,6 +95,11 @@ class Search:
         self.candidates: list[CountCandidate] = []
         self._by_stretch: dict[float, Differentiated] = {}
         self._by_count: dict[object, tuple[SwitchingSystemRegressor, NDArray[np.bool_]]] = {}
+
+    def held(self, holds: Sequence[Hold]) -> Search:
+        """One of recordings whose inputs step."""
+        options = self.settings, self.told, self.surfaces, None, self.knowledge
+        return Search(self.estimator, self.given.stepped(holds), self.order, None, *options)
 
     def without(self, left_out: frozenset[int], found: StayIdentification) -> Search:
         """One that begins with an answer, some sentences of what is known left out."""

@@ -27,11 +27,10 @@ from swsysid.differentiation import (
 from swsysid.differentiation._record import rates_appended
 
 # Samples that a run without missing values needs for a sixth difference, and how many of these tell
-# the noise; usual intervals across which nothing is differentiated; of a feature, what others must
-# leave of it; rows of derivatives that start laws, and of states a first surface.
+# the noise; usual intervals across which nothing is differentiated; rows of derivatives that start
+# laws, and of states a first surface.
 _SHORTEST_RUN, _FEWEST_IN_RUNS = 7, 70
 _GAP = 5.0
-_OF_ITS_OWN = 1e-5
 _ROWS_OF_STARTS = 2000
 
 
@@ -182,16 +181,6 @@ def _rough(
     else:
         rough[:, :n_channels] = filled
     return rough
-
-
-def of_their_own(features: Array) -> NDArray[np.bool_]:
-    """Features (n_rows, n_features) that are no combination of those before them."""
-    norms = np.linalg.norm(features, axis=0)
-    scaled = features / np.where(norms > 0.0, norms, 1.0)
-    left = np.abs(np.diag(np.linalg.qr(scaled, mode="r")))
-    own = np.zeros(len(norms), dtype=bool)
-    own[: len(left)] = left > _OF_ITS_OWN
-    return own
 
 
 def in_these(coef: Array, features: Array, own: NDArray[np.bool_]) -> Array:

@@ -21,7 +21,12 @@ from swsysid._stays.monomials import needed_coefficients
 from swsysid._stays.samples import Samples, modes_of
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.start import named, some_of
-from swsysid._surfaces.surface import is_linear, solves_margin_program, takes_relevance
+from swsysid._surfaces.surface import (
+    has_monomials,
+    is_linear,
+    solves_margin_program,
+    takes_relevance,
+)
 from swsysid.metrics._modes import best_matching, contingency
 
 
@@ -86,9 +91,7 @@ def with_few_monomials(
     samples = Samples.of(reached.estimate)
     n_monomials = fitted.surface_features(samples.columns[:1]).shape[1]
     surface = clone(given).set_params(relevance=np.ones(n_monomials))
-    beside = np.flatnonzero(samples.modes < len(reached.estimate.laws.coef))  # no slides
-    beside = beside[some_of(len(beside))]
-    surface.fit(samples.columns[beside], samples.modes[beside])
+    surface = _between_modes(surface, samples, reached)
     full = Guards.of(surface, samples.spread, len(reached.estimate.laws.coef))
     # with all monomials the modes may be separated by other surfaces
     if full is None or not np.array_equal(full.mode_book, guards.mode_book):
@@ -110,6 +113,48 @@ def with_few_monomials(
     other.surface_ = deepcopy(surface)
     _take(other.surface_, found)
     return other, found
+
+
+@step
+def in_one_column(
+    model: SwitchingSystemRegressor, reached: Reached
+) -> tuple[SwitchingSystemRegressor, Guards] | None:
+    """Thresholds of the column that tells the modes of the samples best, with the largest margin.
+
+    None where the surfaces are these already, or where more than half of a mode is told wrongly.
+    """
+    given = PolynomialSurfaceClassifier() if model.surface is None else model.surface
+    if reached.estimate.guards is None or not takes_relevance(given):
+        return None
+    fitted = model.surface_
+    if not (solves_margin_program(fitted) and has_monomials(fitted)) or fitted.powers is None:
+        return None
+    samples, n_modes = Samples.of(reached.estimate), len(reached.estimate.laws.coef)
+    tried = []
+    for column in range(samples.columns.shape[1]):
+        alone = np.eye(1 + samples.columns.shape[1])[[0, column + 1]].sum(axis=0)
+        asked = clone(given).set_params(degree=1, relevance=alone)
+        surface = _between_modes(asked, samples, reached)
+        tried.append((surface, surface.predict(samples.columns) != samples.modes))
+    best = min(range(len(tried)), key=lambda column: tried[column][1].mean())
+    surface, wrong = tried[best]
+    used = fitted.powers[(fitted.coef_ != 0.0).any(axis=0)]
+    shares = np.bincount(samples.modes, minlength=n_modes)[:n_modes] / len(samples.modes)
+    alike = used.sum() == used[:, best].sum() == 1
+    if alike or wrong.mean() > 0.5 * shares.min():
+        return None
+    guards, other = Guards.of(surface, samples.spread, n_modes), copy(model)
+    other.surface_ = surface
+    return None if guards is None else (other, guards)
+
+
+def _between_modes(
+    surface: PolynomialSurfaceClassifier, samples: Samples, reached: Reached
+) -> PolynomialSurfaceClassifier:
+    """A classifier fitted to samples that do not slide."""
+    beside = np.flatnonzero(samples.modes < len(reached.estimate.laws.coef))
+    beside = beside[some_of(len(beside))]
+    return surface.fit(samples.columns[beside], samples.modes[beside])
 
 
 def through_crossings(

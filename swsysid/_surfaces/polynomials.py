@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sklearn.preprocessing import PolynomialFeatures
 
 from swsysid._data.coordinates import Extent, shifted_monomials
-from swsysid._data.features import FeatureMap, Monomials, check_degree
+from swsysid._data.features import FeatureMap, Monomials, check_degree, of_their_own
 from swsysid._results import Array
 from swsysid._surfaces.parameters import check_relevance, check_span
 
@@ -246,16 +246,10 @@ class DerivedBasis(Basis):
 
 
 class RelevantBasis(DerivedBasis):
-    """Some columns of another basis in the user's units, scaled by their relevance.
+    """Some columns of another basis, each times a number."""
 
-    That is the root mean square that each column gets; columns of relevance 0 are left out.
-    """
-
-    def __init__(self, basis, relevance: Array, X: Array, weight: Array):
-        self.basis, self.n_columns = basis, len(relevance)
-        self.kept = np.flatnonzero(relevance > 0.0)
-        size = np.sqrt(np.average(basis(X)[:, self.kept] ** 2, axis=0, weights=weight))
-        self.scale = relevance[self.kept] / np.where(size > 0.0, size, 1.0)
+    def __init__(self, basis: Basis, kept: NDArray[np.intp], scale: Array):
+        self.basis, self.kept, self.scale = basis, kept, scale
 
     def at_rows(self, X):
         return self.basis.at_rows(X)[:, self.kept] * self.scale
@@ -267,7 +261,7 @@ class RelevantBasis(DerivedBasis):
         return self.basis.at(point)[self.kept] * self.scale
 
     def to_user(self, coef):
-        user = np.zeros((*coef.shape[:-1], self.n_columns))
+        user = np.zeros((*coef.shape[:-1], len(self.sizes)))
         user[..., self.kept] = coef * self.scale
         return self.basis.to_user(user)
 
@@ -296,22 +290,35 @@ class SpannedBasis(DerivedBasis, ScaledBasis):
 def surface_basis(
     degree: int, library, X: Array, weight: Array, *, standardize: bool, relevance=None, span=None
 ) -> Basis:
-    """The basis of a surface: monomials unless there is a library; all, relevant ones or sums."""
+    """The basis of a surface: monomials unless there is a library; all, relevant ones or sums.
+
+    Relevance is the root mean square that a column in the user's units gets; columns of relevance 0
+    are left out. So are, but in the paper's program to the letter, those that are sums of earlier
+    ones on the data, as the square of an input of two values: the least degree says all, and no
+    surface is zero wherever there are data.
+    """
     if span is not None:
         if relevance is not None:
             raise ValueError("relevance and span exclude each other; leave one of them out.")
         basis = surface_basis(degree, library, X, weight, standardize=False)
         return SpannedBasis(basis, check_span(span, len(basis.sizes)), X, weight, standardize)
     origin = Extent.of(X).centre if standardize else None
-    standardize = standardize and relevance is None
+    centred = standardize and relevance is None
     basis = (
-        PolynomialBasis(degree, X, weight, standardize, origin)
+        PolynomialBasis(degree, X, weight, centred, origin)
         if library is None
-        else LibraryBasis(library, X, weight, standardize)
+        else LibraryBasis(library, X, weight, centred)
     )
+    asked = np.ones(len(basis.sizes))
+    if relevance is not None:
+        asked = check_relevance(relevance, len(asked))
+    values, kept = basis(X), np.flatnonzero(asked > 0.0)
+    if standardize:
+        kept = kept[of_their_own(values[:, kept])]
     if relevance is None:
-        return basis
-    return RelevantBasis(basis, check_relevance(relevance, len(basis.sizes)), X, weight)
+        return basis if len(kept) == len(asked) else RelevantBasis(basis, kept, asked[kept])
+    size = np.sqrt(np.average(values[:, kept] ** 2, axis=0, weights=weight))
+    return RelevantBasis(basis, kept, asked[kept] / np.where(size > 0.0, size, 1.0))
 
 
 def _centre_and_scale(X: Array, weight: Array) -> tuple[Array, Array]:

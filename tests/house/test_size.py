@@ -89,6 +89,9 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # - what searches have estimated is kept for those after a refutation, and what chance may explain
 #   is told with how much more would tell (`_output_error`; `_effect_search`, whose memory of last
 #   answers is in `top`); several laws are asked of as many rows as one law is (`_cli`);
+# - a switch where a held input steps is told by the step: in its middle, at its instant, which is
+#   tried as an edit (`_stays`, whose rounds are a file of their own); surfaces are of features that
+#   are no sums of others (`_data`, `_surfaces`), laws of terms that their mode tells;
 # - an energy that contradicts what else is known is refused (`_known`), what known equalities leave
 #   untold has no covariance (`_stays`), and instants are compared in intervals
 #   (`_automaton_search`);
@@ -105,7 +108,7 @@ MOST_LINES = {
     # - first turns of a descent are rough (`_output_error`); where one law leaves but noise no
     #   other is looked for (`_cli`); progress begins with the second second (`_rendering`).
     "_cli": 4300,
-    "_data": 2340,
+    "_data": 2370,
     "datasets": 2510,
     "differentiation": 1610,
     "_discrete_stays": 2590,
@@ -129,15 +132,15 @@ MOST_LINES = {
     "_seeding": 1360,
     "_simulation": 2020,
     "_solvers": 1290,
-    "_stays": 9790,
-    "_surfaces": 2390,
+    "_stays": 10060,
+    "_surfaces": 2400,
     "_tables": 2600,
     "_verdict": 1710,
     "top": 4120,
 }
 # a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,
 # `refinement/_known`, `_surfaces/parameters`
-MOST_FILES = 427
+MOST_FILES = 428
 MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 

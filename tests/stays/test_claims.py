@@ -35,7 +35,7 @@ def recorded(plant, noise, starts=STARTS, t=T, **options):
     return found
 
 
-def report(recordings, n_modes=2, *, refine=True, library=None, sparsity="auto"):
+def report(recordings, n_modes=2, *, refine=True, library=None, sparsity="auto", hold="auto"):
     estimator = SwitchingSystemRegressor(
         n_modes,
         feature_library=library,
@@ -45,7 +45,8 @@ def report(recordings, n_modes=2, *, refine=True, library=None, sparsity="auto")
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return TrajectoryIdentifier(estimator, refine=refine).fit(recordings).report_
+        asked = TrajectoryIdentifier(estimator, refine=refine, input_hold=hold)
+        return asked.fit(recordings).report_
 
 
 def with_a_held_input(n_samples=300, step=0.02, seed=3):
@@ -70,8 +71,16 @@ def with_a_held_input(n_samples=300, step=0.02, seed=3):
 
 
 def test_an_input_that_never_changes_in_a_mode_is_not_determined_there():
-    beyond, below = report(with_a_held_input(), library=1, sparsity=None).laws
-    assert beyond.endswith("(not determined) x1") and "not determined" not in below
+    found = report(with_a_held_input(), library=1, sparsity=None, hold="linear")
+    beyond, below = found.laws
+    assert beyond.endswith("+0 (not determined) x1") and "not determined" not in below
+
+
+def test_an_input_that_is_held_into_a_mode_is_determined_there():
+    beyond, _ = report(with_a_held_input(), library=1, sparsity=None).laws
+    told = re.findall(r"([-+][.0-9]+) \(([.0-9]+)\)", beyond)
+    for (value, error), true in zip(told, (1.5, -4.0, 1.0), strict=True):
+        assert float(value) == pytest.approx(true, abs=3.0 * float(error))
 
 
 def test_terms_are_chosen_beside_an_input_that_never_changes():

@@ -1,0 +1,72 @@
+"""A logged gate that decides the mode: a threshold between its levels, instants of its steps."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
+
+STEP, ROWS, RECORDINGS = 0.02, 300, 4
+CLOSED = np.array([[-0.2, -1.0], [1.0, -0.5]])  # and an input of 2 on the first state
+OPEN = 1.5 * CLOSED
+
+
+def flow(closed, duration):
+    """The exact flow of one position of the gate, of (x0, x1, 1)."""
+    system = np.zeros((3, 3))
+    system[:2, :2] = CLOSED if closed else OPEN
+    system[0, 2] = 2.0 if closed else 0.0
+    return expm(system * duration)
+
+
+def converter(seed, *, noise=0.01, levels=(0.0, 1.0), between=False):
+    """Recordings of two states and a gate, and when it steps: at rows, or between two."""
+    rng = np.random.default_rng(seed)
+    whole, t = [flow(g, STEP) for g in (0, 1)], STEP * np.arange(ROWS)
+    recordings, instants = [], []
+    for _ in range(RECORDINGS):
+        lengths = rng.integers(15, 60, ROWS // 15)
+        gate = ((np.repeat(np.arange(len(lengths)), lengths) + rng.integers(2)) % 2)[:ROWS]
+        x, steps = [np.append(rng.standard_normal(2), 1.0)], []
+        for k, (now, then) in enumerate(zip(gate[:-1], gate[1:], strict=True)):
+            share = rng.uniform() if between and now != then else 1.0
+            late = flow(then, (1.0 - share) * STEP) @ flow(now, share * STEP)
+            x.append((whole[now] if share == 1.0 else late) @ x[-1])
+            steps += [STEP * (k + share)] if now != then else []
+        measured = np.array(x)[:, :2] + noise * rng.standard_normal((ROWS, 2))
+        recordings.append({"t": t, "x": measured, "inputs": np.take(levels, gate)[:, None]})
+        instants.append(np.array(steps))
+    return recordings, instants
+
+
+@pytest.mark.parametrize(
+    ("seed", "levels", "between", "noise"),
+    [(0, (0.0, 1.0), False, 0.01), (1, (0.0, 5.0), False, 0.05), (1, (0.0, 1.0), True, 0.01)],
+)
+def test_a_gate_that_decides_the_mode_does_so_between_its_levels(seed, levels, between, noise):
+    recordings, instants = converter(seed, levels=levels, between=between, noise=noise)
+    found = TrajectoryIdentifier(SwitchingSystemRegressor(random_state=0)).fit(recordings)
+    assert found.input_holds_ == (("between",) if between else ("zero",))
+    constant, *others = found.estimator_.surface_.coef_[0]
+    threshold = -constant / others[2]
+    assert threshold == pytest.approx(np.mean(levels), abs=1e-6 * levels[1])
+    assert np.count_nonzero(others) == 1
+    # at rows to rounding; between them to what noise leaves of a step
+    for own, true in zip(found.switch_times_, instants, strict=True):
+        assert own == pytest.approx(true, abs=0.75 * STEP if between else 1e-9)
+    order = np.argsort(found.coef_[:, 1, 0])  # the closed gate first
+    laws = found.coef_[order][:, :, :2]
+    errors = found.coef_errors_[order][:, :, :2]
+    # twelve coefficients within four standard errors, of which chance leaves one in 1,300
+    assert (np.abs(laws - [CLOSED, OPEN]) < 4.0 * errors).all()
+    assert np.isinf(found.coef_errors_[order][1, :, 2]).all()  # a gate at zero tells no gain
+    assert found.report_.rollouts.holds
+
+
+def test_a_square_of_two_levels_is_no_feature_of_a_surface():
+    gate = np.repeat([0.0, 1.0], 40)
+    X = np.column_stack([np.random.default_rng(0).standard_normal(80), gate])
+    surface = PolynomialSurfaceClassifier().fit(X, gate.astype(int))
+    # of 1, x0, x1, x0^2, x0 x1, x1^2 the last is the third wherever there are data
+    assert surface.coef_[0, 5] == 0.0
+    assert -surface.coef_[0, 0] / surface.coef_[0, 2] == pytest.approx(0.5, abs=1e-6)
