@@ -223,8 +223,7 @@ class Search:
     def _models(self, now: Model, fits: Sequence[Fit]) -> Iterator[Model]:
         """Laws that fit best, fold by fold, if every fold tells all of their coefficients.
 
-        What explains less of its own than half of what a name surely does of unseen ones, or of
-        what is worth it, is not as good as that, and is not asked.
+        Not what explains less of its own than half of what is worth it, or a name does of unseen.
         """
         series, most = self.stretches.series, SETTINGS.worthwhile
         for fit in sorted(fits, key=cost):
