@@ -61,7 +61,7 @@ from swsysid._journal import handing_over, offer
 from swsysid._known.known import Known
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array, IdentificationWarning
-from swsysid._stays.certainty import certainty
+from swsysid._stays.certainty import certainty, told_in_modes
 from swsysid._stays.count import CountCandidate
 from swsysid._stays.exact import ExactStart
 from swsysid._stays.given import Given, without_clipped
@@ -140,6 +140,7 @@ def _identified(
         cutting = Cutting(estimator, given, settings, told, knowledge)
         cut = _in_rounds(cutting, jumps, terms)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
+    stays = told_in_modes(stays)
     found = transitions_of(stays, pieces, terms)
     more = with_brief_stays(found, stays, settings) if followed is None else None
     if more is not None:

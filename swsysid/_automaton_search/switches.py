@@ -40,6 +40,7 @@ class Switches:
     known: Array  # (n_switches, 2): times at which the states on both sides are known
     ends: Array  # (n_switches, n_states + n_inputs): at the first of these times
     starts: Array  # at the second
+    slopes: Array  # (n_switches, n_inputs): of the inputs; of those that step, by interval
     piece: NDArray[np.intp]  # that begins after a jump, -1 where the state goes on
 
     def __len__(self) -> int:
@@ -64,8 +65,7 @@ class Switches:
 
         Columns are states, inputs, the time since the mode was entered, and the time.
         """
-        n_states = len(laws.spread)
-        slopes = self._slopes(n_states)
+        n_states, slopes = len(laws.spread), self.slopes
         x = self._flown(laws, self.source, self.ends, self.times - self.known[:, 0])
         u = self.ends[:, n_states:] + (self.times - self.known[:, 0])[:, None] * slopes
         columns = np.column_stack([x, u, self.times - self.entered, self.times])
@@ -77,16 +77,11 @@ class Switches:
         """States at the instants in the new modes, (n_switches, n_states)."""
         return self._flown(laws, self.target, self.starts, self.times - self.known[:, 1])
 
-    def _slopes(self, n_states: int) -> Array:
-        duration = self.known[:, 1] - self.known[:, 0]
-        change = self.starts[:, n_states:] - self.ends[:, n_states:]
-        return np.asarray(change / np.where(duration > 0.0, duration, np.inf)[:, None])
-
     def _flown(self, laws: Laws, modes: Modes, columns: Array, durations: Array) -> Array:
         """States some time after known ones, by the laws of modes; the time may be negative."""
         n_states = len(laws.spread)
         x, u = columns[:, :n_states], columns[:, n_states:]
-        after = u + durations[:, None] * self._slopes(n_states)
+        after = u + durations[:, None] * self.slopes
         return flow(laws, modes, x, u, after, durations)
 
 
@@ -112,7 +107,8 @@ def switches_of(
     if began is None:
         began = _in_the_middle(recordings.times, pieces)
     done = crossings_of(estimate.laws, estimate.nodes, estimate.states)
-    padded = np.concatenate([states_of(estimate), recordings.u], axis=2)
+    states = states_of(estimate)
+    n_states, padded = states.shape[2], np.concatenate([states, recordings.u], axis=2)
     columns = [padded[: len(t), k] for k, t in enumerate(recordings.times)]
     begins = [np.append(first, own.instants) for first, own in zip(began, stays, strict=True)]
     counts = [len(one.instants) for one in stays]
@@ -129,6 +125,7 @@ def switches_of(
         np.column_stack([instants, instants]),
         done.columns[:, :-2],
         done.columns[:, :-2],
+        done.rates[:, n_states:-2],
         np.full(len(own), -1),
     )
     later = np.flatnonzero(pieces.follows)
@@ -137,7 +134,9 @@ def switches_of(
     ]).reshape(-1, 2)  # fmt: skip
     source = np.array([stays[k - 1].modes[-1] for k in later], dtype=np.intp)
     ends = np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2])
-    errors = np.ptp(known, axis=1) / np.sqrt(12.0)
+    starts = np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2])
+    duration = np.ptp(known, axis=1)[:, None]
+    errors = duration[:, 0] / np.sqrt(12.0)
     at_once = errors < AT_ONCE * recordings.interval
     errors[at_once] = _blurred(estimate.laws, source[at_once], ends[at_once], found.left)
     between = Switches(
@@ -150,7 +149,8 @@ def switches_of(
         np.ones(len(later), dtype=bool),
         known,
         ends,
-        np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2]),
+        starts,
+        ((starts - ends) / np.where(duration > 0.0, duration, np.inf))[:, n_states:],
         later,
     )
     pairs = zip(vars(within).values(), vars(between).values(), strict=True)

@@ -104,12 +104,12 @@ def assign(
         best = better
     _, decoded = found(best)
     if (stepping := pieces.input_steps).any():
+        plain = decoded, np.full(stepping.shape, price), np.zeros(stepping.shape, dtype=bool)
         in_steps = np.where(stepping, 0.0, price)
-        decoded = max(
-            (decoded, np.full(stepping.shape, price), np.zeros(stepping.shape, dtype=bool)),
-            (told(best, in_steps), in_steps, stepping),
-            key=lambda one: _likelihood(*one),
-        )[0]
+        roughly = told(best, in_steps), in_steps, stepping
+        as_often = _as_often(roughly[0], price, stepping)
+        closely = told(best, as_often), as_often, stepping
+        decoded = max(plain, roughly, closely, key=lambda one: _likelihood(*one))[0]
     modes = recordings.of_pieces(decoded.modes, places)
     for k, n in enumerate(recordings.lengths):
         modes[n - 1 :, k] = modes[n - 2, k]
@@ -124,16 +124,29 @@ def as_surfaces_tell(prior: Array, recordings: Recordings) -> NDArray[np.intp]:
     return modes
 
 
+def _as_often(decoded: Decoded, price: float, stepping: NDArray[np.bool_]) -> Array:
+    """What a switch costs where inputs step and elsewhere, by how often there is one."""
+    switched, prices = _switched(decoded), np.full(stepping.shape, price)
+    for some in (stepping, ~stepping):
+        often = (switched[some].sum() + 0.5) / (some.sum() + 1.0)
+        prices[some] = np.log((1.0 - often) / often)
+    return prices
+
+
 def _likelihood(decoded: Decoded, prices: Array, stepping: NDArray[np.bool_]) -> float:
     """Log likelihood of decoded modes, where some intervals have switches as often as they have.
 
     In place of the prices: those in which inputs step may have more of them than others.
     """
-    switched = np.diff(decoded.modes, axis=0, prepend=decoded.modes[:1]) != 0
+    switched = _switched(decoded)
     nats = float(decoded.log_likelihood.sum() + prices[switched].sum())
     for some in (switched[stepping], switched[~stepping]):
         nats -= float(some.size * entr([some.mean(), 1.0 - some.mean()]).sum()) if some.size else 0
     return nats
+
+
+def _switched(decoded: Decoded) -> NDArray[np.bool_]:
+    return np.asarray(np.diff(decoded.modes, axis=0, prepend=decoded.modes[:1]) != 0)
 
 
 def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> Array:
