@@ -55,17 +55,14 @@ def strays(found: IdentifiedAutomaton) -> str:
 
     Where there is less noise than rollouts may be off by, and instants are known, any that surely
     leaves a recording is far from it. Where it does so as a motion does whose start is not known,
-    or as far as noise drives one whose disturbances add up, that is no proof against it.
+    or that noise drives, that is no proof against it.
     """
     rollouts = found.rollouts
     noises = found.noises
-    stretches = [one.leaves for one in rollouts.breaks]  # without one, by a few outliers
-    left = float(np.max([rollouts.left_of_each.max(), *stretches]))
     driven = noises is not None and noises.drives and not noises.goes_on
-    if noises is not None and driven:
-        driven = left <= _FAR * noises.leads(max(map(len, found.modes)))
+    stretches = [one.leaves for one in rollouts.breaks]  # without one, by a few outliers
     exact = not rollouts.in_noise and ASKED_AT_SAMPLES not in found.shared_exits
-    far = exact or left > _FAR
+    far = exact or bool(np.max([rollouts.left_of_each.max(), *stretches]) > _FAR)
     if driven or rollouts.hangs_on_start or not (stretches and far):
         return ""
     return f"By itself the automaton leaves {rollouts.strays}; report_ says more."

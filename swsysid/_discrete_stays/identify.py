@@ -295,11 +295,6 @@ class KindsOfNoise:
         """Of the sensor and in the equation."""
         return self.sensor, self.equation
 
-    def leads(self, n_samples: int) -> float:
-        """How far disturbances that add up lead from what was measured, in units of all noise."""
-        sensor, equation = np.square(self.sizes)
-        return float(np.sqrt(((sensor + n_samples * equation) / (sensor + equation)).max()))
-
     @property
     def drives(self) -> bool:
         """Whether there is noise in the equation for sure."""

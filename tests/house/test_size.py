@@ -111,7 +111,7 @@ MOST_LINES = {
     "_data": 2370,
     "datasets": 2510,
     "differentiation": 1610,
-    "_discrete_stays": 2590,
+    "_discrete_stays": 2580,
     "_displays": 1610,
     "_effect_model": 2420,
     "_effect_search": 9160,
