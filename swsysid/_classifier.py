@@ -366,7 +366,7 @@ class PolynomialSurfaceClassifier(ScoredByAccuracy, ClassifierMixin, BaseEstimat
 
     def _fitted(self, features, labels, rows, book, fits):
         """Attributes that surfaces fitted to some rows have."""
-        coef = np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1])
+        coef = np.array([fit.coef for fit in fits]).reshape(len(fits), features.shape[1])
         values = features @ coef.T
         scale = surface_scale(values, rows.weight)
         slack = np.maximum(0.0, self.margin_ - book[labels] * values)

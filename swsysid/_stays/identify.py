@@ -52,9 +52,9 @@ class Alternation(Rounds):
         settled = self.found[-1].criterion < self.best.criterion + settings.roughly_converged
         if self._separates and changed and not settled and self._first < n_prices - 1:
             self._restarted(told)
-        self._in_one_column()
         while self._simplified():
             told()
+        self._in_one_column()
         self._recombined()
         self._by_steps()
         while self._visited():

@@ -154,8 +154,7 @@ class _Trial:
     @property
     def switches(self) -> bool:
         """True if modes switch where inputs step, more often than elsewhere."""
-        in_steps = self.reached.estimate.nodes.in_steps
-        return bool(2 * in_steps.sum() > len(in_steps))
+        return bool(self.reached.estimate.nodes.in_steps.any())
 
     @property
     def n_instants(self) -> int:

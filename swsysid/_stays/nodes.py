@@ -173,9 +173,13 @@ class Nodes:
 
     @property
     def in_steps(self) -> NDArray[np.bool_]:
-        """Switches in the moment in which an input steps, which says when they are."""
+        """Switches in the moment in which an input steps, which says when they are.
+
+        None where most are elsewhere: then a step and a switch are at one time by chance.
+        """
         before, after = self.moments
-        return np.asarray((self.u[before] != self.u[after]).any(axis=1))
+        steps = (self.u[before] != self.u[after]).any(axis=1)
+        return np.asarray(steps & (2 * steps.sum() > len(steps)))
 
     @property
     def intervals_of_instants(self) -> Rows:

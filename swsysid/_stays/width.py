@@ -9,6 +9,9 @@ therefore asked at instants that are later and sooner by the standard error s th
 
 all crossings of a surface to one side of it. Where the laws differ at the switch the matrix is the
 same everywhere near, and so are its errors.
+
+Samples on the wrong side of a surface push it, and say nothing of how far it may be pushed back:
+crossings alone tell how certain it is.
 """
 
 from __future__ import annotations
@@ -38,6 +41,9 @@ class Width:
 
 def width(reached: Reached, together: float) -> Width:
     """That of an estimate; `together` samples count as one."""
+    if reached.estimate.guards is not None:
+        guards = replace(reached.estimate.guards, sides=None)
+        reached = replace(reached, estimate=replace(reached.estimate, guards=guards))
     at = _of(reached.covariance, together)
     nodes = reached.estimate.nodes
     if not len(nodes.instants):

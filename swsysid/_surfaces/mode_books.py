@@ -192,7 +192,7 @@ def _some_of_each(labels: NDArray[np.intp], n_rows: int) -> tuple[NDArray[np.int
 
 def _merit(features, labels, weight, book, fits) -> tuple[float, float]:
     """Accuracy, rounded to where it is no rounding error, and minus the objective."""
-    values = features @ np.array([fit.coef for fit in fits]).reshape(-1, features.shape[1]).T
+    values = features @ np.array([fit.coef for fit in fits]).reshape(len(fits), features.shape[1]).T
     chosen = decisions(values, book, surface_scale(values, weight)).argmax(axis=1)
     accuracy = np.average(chosen == labels, weights=weight)
     return round(float(accuracy), 12), -sum(fit.objective for fit in fits)

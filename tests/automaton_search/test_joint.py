@@ -264,7 +264,7 @@ def thresholds(first, second):
     modes = np.array([0, 1])
     at, rates = np.array([[1.0, 0.0, 0.0]] * 2), np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
     unknowns = TransitionGuards.of_transitions(guards, modes, 2, np.ones(3))
-    return unknowns.pivoted(Crossings(modes, 1 - modes, modes, at, rates, None))
+    return unknowns.pivoted(Crossings(modes, 1 - modes, modes, at, rates, modes > 1, None))
 
 
 def test_guards_that_the_data_cannot_tell_apart_are_one():

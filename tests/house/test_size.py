@@ -132,7 +132,7 @@ MOST_LINES = {
     "_seeding": 1360,
     "_simulation": 2020,
     "_solvers": 1290,
-    "_stays": 10060,
+    "_stays": 10080,
     "_surfaces": 2400,
     "_tables": 2600,
     "_verdict": 1710,

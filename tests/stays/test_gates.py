@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid import (
+    HybridAutomatonRegressor,
+    PolynomialSurfaceClassifier,
+    SwitchingSystemRegressor,
+    TrajectoryIdentifier,
+)
 
 STEP, ROWS, RECORDINGS = 0.02, 300, 4
 CLOSED = np.array([[-0.2, -1.0], [1.0, -0.5]])  # and an input of 2 on the first state
@@ -61,6 +66,23 @@ def test_a_gate_that_decides_the_mode_does_so_between_its_levels(seed, levels, b
     assert (np.abs(laws - [CLOSED, OPEN]) < 4.0 * errors).all()
     assert np.isinf(found.coef_errors_[order][1, :, 2]).all()  # a gate at zero tells no gain
     assert found.report_.rollouts.holds
+
+
+def test_an_automaton_has_guards_between_the_levels_of_a_gate():
+    recordings, instants = converter(1, levels=(0.0, 5.0), noise=0.05)
+    found = HybridAutomatonRegressor("auto", random_state=0).fit(recordings)
+    assert found.n_modes_ == 2 and found.input_holds_ == ("zero",)
+    for one in found.automaton_.transitions:  # states, gate, dwell, time
+        low, high = ([[x, -x, 2.5 + side, 1.0, 1.0] for x in (0.0, 3.0)] for side in (-0.01, 0.01))
+        below, above = (one.guard.values(np.array(rows)) for rows in (low, high))
+        assert (below * above < 0.0).all()
+    order = np.argsort(found.coef_[:, 1, 1])  # the closed gate first
+    laws, errors = found.coef_[order][:, :, 1:3], found.coef_errors_[order][:, :, 1:3]
+    # eight coefficients within four standard errors, of which chance leaves one in 2,000
+    assert (np.abs(laws - [CLOSED, OPEN]) < 4.0 * errors).all()
+    for own, true in zip(found.switch_times_, instants, strict=True):
+        assert own == pytest.approx(true, abs=0.05 * STEP)  # refined as instants like any others
+    assert found.report_.rollouts.holds and found.report_.rollouts.tells_switches
 
 
 def test_a_square_of_two_levels_is_no_feature_of_a_surface():
