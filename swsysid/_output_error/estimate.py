@@ -129,32 +129,25 @@ def fitted(
     `start` are states of nearly the same law on the same stretches. Without it states begin where
     they were measured: from rollouts of a law that lacks an effect that jumps, the one with it is
     not reached. Misfits are measured in what rollouts leave of each state, found in turns from
-    `noise`, the first ones roughly where there is a start. With `turns` 1 they are measured in
-    that, and the law is that of the start but for some numbers.
+    `noise`; with `turns` 1 they are measured in that.
     """
     estimate, spread = _begun(law, stretches, start)
     if noise is None:
         noise = 0.3 * spread
-    looser, turn = None if start is None else int(turns > 1), 1
-    while True:
-        is_last = turn >= turns
-        roughly = start is not None and not is_last
-        reached = _reached(estimate, noise, stretches.disturbance, looser, roughly)
+    for turn in range(turns):
+        is_near = start is not None or turn > 0
+        reached = _reached(estimate, noise, stretches.disturbance, is_near)
         left = _left(reached)
         own = np.sqrt(np.nanmean(np.square(left), axis=0))
         own = np.maximum(own, SETTINGS.least_noise * spread)
-        estimate, looser = reached.estimate, int(not roughly)
-        if is_last or not np.isfinite(own).all():
+        estimate = reached.estimate
+        if turn + 1 == turns or not np.isfinite(own).all():
             break
         # what counts is the noise of states relative to each other, once its size is about right
         change = np.log(own / noise)
-        settled = np.ptp(change) < SETTINGS.settled
-        if not settled or np.abs(change).max() >= np.log(SETTINGS.about):
-            noise, turn = own, turn + 1
-        elif roughly:
-            turn = turns
-        else:
+        if np.ptp(change) < SETTINGS.settled and np.abs(change).max() < np.log(SETTINGS.about):
             break
+        noise = own
     coef = reached.estimate.laws.coef[0]
     return Fitted(replace(law, coef=coef), left, reached)
 
@@ -195,7 +188,7 @@ def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
 def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
     estimate, _ = _begun(fit.law, stretches, start)
     fixed = replace(estimate, laws=estimate.laws.known())
-    return _reached(fixed, fit.noise, stretches.disturbance, None if start is None else 0)
+    return _reached(fixed, fit.noise, stretches.disturbance, near=start is not None)
 
 
 def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
@@ -213,25 +206,11 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
     return Estimate(law.laws(stretches, spread, further), nodes, states), spread
 
 
-def _reached(
-    estimate: Estimate,
-    noise: Array,
-    disturbance: float,
-    n_looser: int | None,
-    roughly: bool = False,
-) -> Reached:
-    """With nodes that are tied ever more tightly, none more than in the end, perhaps roughly.
-
-    So many looser ties come first, all where nothing is known of the states.
-    """
-    settings, tie = STAYS.roughly(), _tie(estimate, disturbance)
-    looser = [one for one in settings.ties[:-1] if one[0] > tie]
-    if n_looser is not None:
-        looser = looser[::-1][:n_looser]
-    few, many = (n_turns for _, n_turns in settings.ties[-2:])
-    if roughly:
-        settings = replace(settings, converged=settings.roughly_converged)
-    ties = (*looser, (tie, few if roughly else many))
+def _reached(estimate: Estimate, noise: Array, disturbance: float, near: bool) -> Reached:
+    """With nodes that are tied ever more tightly."""
+    settings = STAYS.roughly()
+    looser, (_, n_turns) = settings.ties[:-1], settings.ties[-1]
+    ties = (*(looser[-1:] if near else looser), (_tie(estimate, disturbance), n_turns))
     with np.errstate(all="ignore"):  # a trial step that diverges is not taken
         return most_likely(estimate, noise, replace(settings, ties=ties))
 

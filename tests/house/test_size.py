@@ -122,7 +122,7 @@ MOST_LINES = {
     "_known": 1680,
     "_losses": 980,
     "metrics": 720,
-    "_output_error": 2360,
+    "_output_error": 2330,
     "_recording_page": 490,
     "refinement": 2260,
     "relaxations": 1510,
