@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from swsysid._data.records import make_records
-from swsysid._output_error import estimate
 from swsysid._output_error.engines import RATES
 from swsysid._output_error.estimate import fitted
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import Candidate, RolloutScore, scores, shortlist
 from swsysid._output_error.search import Search
 from swsysid._output_error.stretches import Stretches
-from swsysid._stays.descent import most_likely
 from swsysid.effects import Bias, PlacedEffect, Polynomial, QuadraticDrag
 
 
@@ -102,32 +100,3 @@ def test_what_was_estimated_is_not_estimated_again_after_a_refutation(declared):
     told = search.started(Law.of(fit.law.library, free, np.full(free.shape, -0.4)))
     assert told.models[0].law.coef[0, 0] == -0.4  # another law is asked anew
     assert [one.p_value for one in other.findings] == [one.p_value for one in expected.findings]
-
-
-@pytest.mark.parametrize("disturbance", [0.1, 1.0, 10.0])
-def test_nodes_are_never_tied_more_tightly_than_in_the_end(declared, disturbance, monkeypatch):
-    stretches, fit = declared
-    stretches, asked = replace(stretches, disturbance=disturbance), []
-
-    def told(begun, noise, settings):
-        asked.append([tie for tie, _ in settings.ties])
-        return most_likely(begun, noise, settings)
-
-    monkeypatch.setattr(estimate, "most_likely", told)
-    fitted(fit.law, stretches)
-    first = asked[0]
-    assert all(ties == first[len(first) - len(ties) :] for ties in asked)
-    assert first == sorted(first, reverse=True)
-    # from an estimate of the same law no node is let go
-    asked.clear()
-    fitted(fit.law, stretches, fit.courses, fit.noise, turns=1)
-    assert asked == [first[-1:]]
-
-
-def test_what_explains_less_than_is_worth_it_is_not_asked_of_other_stretches(declared):
-    stretches, fit = declared
-    search = Search(RATES, stretches, [QuadraticDrag(), Bias()], [0], {}, 0.01, most=1)
-    placed = [PlacedEffect(QuadraticDrag(), 0, 0), PlacedEffect(Bias(), "constant", 0)]
-    fits = [fitted(fit.law.beside([one]), stretches, fit.courses, fit.noise) for one in placed]
-    kinds = [one.law.terms[-1].effect.kind for one in search._models(search.model(fit), fits)]
-    assert kinds == ["quadratic_drag"]
