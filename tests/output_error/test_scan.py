@@ -100,3 +100,12 @@ def test_what_was_estimated_is_not_estimated_again_after_a_refutation(declared):
     told = search.started(Law.of(fit.law.library, free, np.full(free.shape, -0.4)))
     assert told.models[0].law.coef[0, 0] == -0.4  # another law is asked anew
     assert [one.p_value for one in other.findings] == [one.p_value for one in expected.findings]
+
+
+def test_what_explains_less_than_is_worth_it_is_not_asked_of_other_stretches(declared):
+    stretches, fit = declared
+    search = Search(RATES, stretches, [QuadraticDrag(), Bias()], [0], {}, 0.01, most=1)
+    placed = [PlacedEffect(QuadraticDrag(), 0, 0), PlacedEffect(Bias(), "constant", 0)]
+    fits = [fitted(fit.law.beside([one]), stretches, fit.courses, fit.noise) for one in placed]
+    kinds = [one.law.terms[-1].effect.kind for one in search._models(search.model(fit), fits)]
+    assert kinds == ["quadratic_drag"]
