@@ -27,7 +27,8 @@ from swsysid._stays.equations import Covariance
 from swsysid._stays.lifted import Estimate
 
 # Part of the stays beside it by which an instant is moved at most; the factor within which errors
-# are theirs, and moves that are tried. A law that agrees at the surface takes two of them.
+# are those that they were asked with, and moves that are tried. Laws that agree at a contact take
+# four to six (`tests/stays/test_errors_at_contacts.py`).
 _OF_STAY, _SAME, _MOST = 0.4, 1.1, 6
 
 
@@ -73,6 +74,7 @@ def _between(one: Width, other: Width) -> Width:
     variances = 2.0 / (1.0 / one.of_instants + 1.0 / other.of_instants)
     first, second = one.of_shared, other.of_shared
     told = np.isfinite(np.diag(first)) & np.isfinite(np.diag(second))
+    # what one of them does not tell is not told
     shared = np.where(np.isfinite(np.diag(first)), second, first)
     own = np.ix_(told, told)
     shared[own] = 2.0 * first[own] @ np.linalg.pinv(first[own] + second[own]) @ second[own]
