@@ -78,6 +78,17 @@ def switches_of_rollout(run: Trajectory) -> tuple[Switch, ...]:
     return tuple(found)
 
 
+def beside_jumps(run: Trajectory, t: Array) -> NDArray[np.intp]:
+    """Samples before and after each jump of a rollout.
+
+    Where a recording jumps by itself nobody has told: by one step more or less they are on either
+    side of it.
+    """
+    after = np.searchsorted(t, [one.time for one in run.events if one.kind == "jump"])
+    beside = np.concatenate([after - 1, after])
+    return beside[(beside >= 0) & (beside < len(t))]
+
+
 def seen_by_samples(switches: Sequence[Switch], step: float) -> tuple[Switch, ...]:
     """The switches without stays that end within a step: no sample need be in them."""
     kept: list[Switch] = []

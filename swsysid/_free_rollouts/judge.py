@@ -15,6 +15,7 @@ from swsysid._free_rollouts.courses import (
     Course,
     Pairs,
     Switch,
+    beside_jumps,
     seen_by_samples,
     switches_of_rollout,
 )
@@ -317,6 +318,8 @@ class _RolledOut:
         pairs = Pairs.of(*(seen_by_samples(side, course.step) for side in sides))
         pairs = pairs.inside(record.t[np.isfinite(record.y).any(axis=1)], course.step)
         left[pairs.undecided(record.t, course.step)] = np.nan
+        if course.switches is None:
+            left[beside_jumps(run, record.t)] = np.nan
         ended = "" if run.status.ok else f"the simulation ends ({run.status.value})"
         return cls(runs, course, states, scale, left, run.modes, pairs, ended)
 

@@ -7,6 +7,7 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
 
 from swsysid._data.trajectories import places_along
 from swsysid._results import Array
@@ -118,6 +119,17 @@ class Comparison:
         return certainty(self.best.errors, self.errors, self.unit, self.blocks)
 
     @property
+    def is_sure(self) -> bool:
+        """Whether the gain is more than chance, by as many blocks as there are."""
+        limit = student_t.ppf(1.0 - 0.5 * JUDGING.chance, max(1, self.n_blocks - 1))
+        return bool(self.gain > limit)
+
+    @property
+    def n_blocks(self) -> int:
+        """How many stretches the samples are compared on."""
+        return len(_parts(len(self.errors), self.blocks))
+
+    @property
     def hidden(self) -> bool:
         """True if the rates show modes that no law of one mode imitates, and the columns do not."""
         if self.noise is None:
@@ -139,7 +151,9 @@ class Comparison:
     @property
     def verdict(self) -> Verdict:
         """What to say about the model."""
-        if len(self.errors) < JUDGING.fewest_rows:
+        # neighbouring rows may err alike; stretches of recordings each begin anew
+        is_told = self.noise is not None and self.improvement > JUDGING.worth and self.is_sure
+        if len(self.errors) < JUDGING.fewest_rows and not is_told:
             return Verdict.TOO_FEW
         if self.hidden:
             return Verdict.HIDDEN
@@ -151,7 +165,7 @@ class Comparison:
             return Verdict.USELESS
         if self.n_switches < JUDGING.fewest_switches:
             return Verdict.TOO_FEW
-        return Verdict.SWITCHES if self.gain > JUDGING.certain else Verdict.CHANCE
+        return Verdict.SWITCHES if self.is_sure else Verdict.CHANCE
 
     def _size(self, errors: Array) -> float:
         return relative_error(errors, self.unit)
@@ -173,17 +187,20 @@ def certainty(
     """
     scale, n_rows = _scale(unit), len(simple)
     size = np.array([np.nansum((error / scale) ** 2, axis=1) for error in (simple, rich)])
-    if blocks is None:
-        n_blocks = min(JUDGING.blocks, n_rows)
-        parts = np.array_split(np.arange(n_rows), max(1, n_blocks))
-    else:
-        parts = [np.flatnonzero(blocks == block) for block in np.unique(blocks)]
+    parts = _parts(n_rows, blocks)
     if len(parts) < 2:
         return 0.0
     means = np.array([size[:, part].mean(axis=1) for part in parts])
     ratios = np.diff(np.log(means + JUDGING.exact * means.max()), axis=1)[:, 0]
     error = ratios.std(ddof=1) / np.sqrt(len(ratios))
     return float(-ratios.mean() / error) if error > 0 else 0.0
+
+
+def _parts(n_rows: int, blocks: NDArray[np.intp] | None) -> list[NDArray[np.intp]]:
+    """Rows of each block."""
+    if blocks is None:
+        return np.array_split(np.arange(n_rows), max(1, min(JUDGING.blocks, n_rows)))
+    return [np.flatnonzero(blocks == block) for block in np.unique(blocks)]
 
 
 def count_switches(modes: NDArray[np.intp], groups: NDArray) -> int:

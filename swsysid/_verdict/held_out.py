@@ -127,7 +127,7 @@ class Cut:
     guess: list[Array]  # of all their states, roughly
     kept: NDArray[np.bool_]  # rows of the stretches that are samples: limits of inputs are none
     rows: NDArray[np.intp]  # of the recordings, those of the samples
-    length: int = JUDGING.stretch  # samples of a stretch
+    length: int  # samples of a stretch
 
     @classmethod
     def of(cls, given: Given, states: Sequence[Array], split: Split) -> Cut:
@@ -144,7 +144,8 @@ class Cut:
                 places.append(rows[held])
         kept = np.asarray(np.isfinite(np.vstack([record.y for record in records])).any(axis=1))
         rows = np.concatenate(places)[kept]
-        return cls(records, labels, guess, kept, rows)
+        length = max(FEWEST_SAMPLES, min(JUDGING.stretch, len(rows) // JUDGING.fewest_stretches))
+        return cls(records, labels, guess, kept, rows, length)
 
     @cached_property
     def stretches(self) -> Stretches:

@@ -16,7 +16,8 @@ class Judging:
     exact: float = 1e-12  # squared errors below this fraction of the largest are round-off
     # Share of the error by which a richer model must be better to be worth having.
     worth: float = 0.05
-    certain: float = 2.0  # standard errors from which on a gain is called certain: two-sided 5 %
+    # Probability of as large a gain either way, by Student's t over blocks, below which it is sure.
+    chance: float = 0.05
     # Share of a smooth law's error: modes that leave less are no imitation of a curve; and of the
     # spread: one law whose free rollouts leave more predicts nothing.
     half: float = 0.5
@@ -26,7 +27,8 @@ class Judging:
     told: float = 1.0 / 3.0
     # Times the noise of neighbouring samples from which on rollouts leave more than noise.
     noise_alone: float = 1.3
-    # Held-out rows, and changes of the mode, that allow a verdict.
+    # Held-out rows, and changes of the mode, that allow a verdict; fewer rows of recordings do if
+    # their stretches are sure.
     fewest_rows: int = 50
     fewest_switches: int = 5
     rare_mode: float = 0.005  # share of the training rows below which a mode is absent from them
@@ -37,6 +39,7 @@ class Judging:
     # where a smooth law leaves nothing but noise. Turns that look for its start, and the share of
     # the squares by which another one must lower them.
     stretch: int = 30
+    fewest_stretches: int = 3  # of a short recording: two have a standard error that says little
     turns: int = 12
     settled: float = 1e-6
     # Samples that tell where a trajectory starts of which the model has seen nothing: its error is

@@ -100,7 +100,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   asked in an order (`_automaton_search/ways_out`, a file).
 MOST_LINES = {
     "_automaton": 3530,
-    "_automaton_search": 5790,
+    "_automaton_search": 5810,
     # - SpaceEx locations in which no time passes, or nothing can be (`_automaton/spaceex_pruning`);
     #   instants that lie on samples (`_automaton_search`), and what drives states and is no noise
     #   (`_discrete_stays/persistence`).
@@ -117,7 +117,7 @@ MOST_LINES = {
     "_effect_search": 9160,
     "effects": 4020,
     "exporting": 3330,
-    "_free_rollouts": 900,
+    "_free_rollouts": 910,
     "_identification": 2960,
     "_known": 1680,
     "_losses": 980,
@@ -135,7 +135,7 @@ MOST_LINES = {
     "_stays": 10080,
     "_surfaces": 2400,
     "_tables": 2600,
-    "_verdict": 1710,
+    "_verdict": 1730,
     "top": 4120,
 }
 # a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,

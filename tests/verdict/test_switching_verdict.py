@@ -196,6 +196,19 @@ def test_a_jump_of_a_single_mode_is_no_smooth_law():
     assert "1 mode, affine" in verdict.table()
 
 
+def test_a_ball_in_a_short_video_is_no_smooth_law():
+    """110 frames, 30 a second, of which 33 are held out in three stretches."""
+    ball = HybridAutomaton.stated(
+        [{"h": "v", "v": "-9.81"}], [(0, 0, "h <= 0", {"v": "-0.85 v"})], states=["h", "v"]
+    )
+    t = np.arange(110) / 30.0
+    (height,) = noisy([ball.simulate([1.2, 0.0], t, mode=0).x[:, :1]], 0.0015)
+    found = HybridAutomatonRegressor(1, order=2, random_state=0).fit([{"t": t, "x": height}])
+    verdict = found.verdict_
+    assert verdict.kind is Verdict.SWITCHES and len(verdict.comparison.errors) == 33
+    assert verdict.comparison.n_blocks == 3 and verdict.improvement > 0.9
+
+
 @pytest.mark.filterwarnings("ignore:The switches")  # a GuardWarning says so, too
 def test_modes_that_somebody_switches_are_there_and_the_model_is_not_trusted():
     """A valve is opened and closed at will: the level rises to 2 or falls to 0."""
