@@ -92,7 +92,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         In continuous time with noise: refine laws, guards and resets together at last, by multiple
         shooting through events and jumps. It is left out where rollouts of the recordings become
         worse.
-    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+    input_hold : {"auto", "linear", "zero", "next", "between"} or a sequence, default="auto"
         What the inputs, or each of them, do between two samples, as of `TrajectoryIdentifier`. In
         discrete time every row acts.
     known : Known or list of str, default=None

@@ -302,8 +302,9 @@ class SwitchingSystemRegressor(
             Increasing times (sample numbers in discrete time).
         inputs : array-like of shape (n_times, n_inputs), default=None
             Needed if the system has inputs.
-        input_hold : {"zero", "linear"}, default="zero"
-            What the inputs do between the samples.
+        input_hold : {"zero", "linear", "next"}, default="zero"
+            What the inputs do between the samples: keep their value, go on a line, or have that of
+            the next one, as what a logger writes at the end of an interval.
         **options
             ``max_switches``, ``rtol``, ``atol`` (default: 1e-10 of the spread of each state in
             the data of the fit) and ``state_bound`` (default: 1e9 of it) of the integration.

@@ -75,9 +75,10 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         Whole recordings are rolled out from one start. False ties every sample to the one before
         within 0.4 of the noise, and judges rollouts over stretches of some 30 samples: for chaotic
         systems, whose longer rollouts mean nothing.
-    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+    input_hold : {"auto", "linear", "zero", "next", "between"} or a sequence, default="auto"
         What the inputs, or each of them, do between two samples: they go on a line, keep their
-        value until the next one, or step at an instant that is estimated. ``"auto"`` takes what is
+        value until the next one, have had it since the one before (what a logger writes at the
+        end of an interval), or step at an instant that is estimated. ``"auto"`` takes what is
         clearly likeliest; ``"linear"`` where nothing steps.
     n_jobs : int, default=None
         Given to `estimator`, whose starts run side by side; the answer is the same for any.

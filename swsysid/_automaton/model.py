@@ -362,8 +362,9 @@ class HybridAutomaton(AutomatonParts, ToOtherTools):
             The mode in which the rollout starts, taken as entered at the (newest) state in `x0`.
             None: the only mode that no guard leads out of there; of several, the one that was
             recorded at the nearest state.
-        input_hold : {"zero", "linear"}, default="zero"
-            Inputs between the samples: constant until the next one, or linear.
+        input_hold : {"zero", "linear", "next"}, default="zero"
+            Inputs between the samples: constant until the next one, linear, or as the next one
+            says.
         **options
             ``max_switches``, ``max_steps``, ``state_bound``, ``rtol``, ``atol``, ``method``; as
             for `SwitchingSystemRegressor.simulate`. A stated automaton has `x0` for a spread.

@@ -84,7 +84,23 @@ class Hold(StrEnum):
 
     LINE = "linear"
     ROW = "zero"  # it keeps its value until the next row
+    NEXT = "next"  # it has had its value since the row before: a logger writes what has acted
     BETWEEN = "between"  # it steps at an instant between the rows, which is not known
+
+    def sentence(self, names: Sequence[str]) -> str:
+        """What inputs do that keep a value; "" of others, and of none.
+
+        >>> Hold.ROW.sentence(["valve", "heater"])
+        'valve, heater keep their values until the next row.'
+        """
+        is_one, those = len(names) == 1, ", ".join(names)
+        keep = "keeps its value" if is_one else "keep their values"
+        since, act = ("has had its value", "acts") if is_one else ("have had their values", "act")
+        said = {
+            Hold.ROW: f"{those} {keep} until the next row.",
+            Hold.NEXT: f"{those} {since} since the row before, and {act} a row before it is logged.",
+        }
+        return said.get(self, "") if names else ""
 
 
 # Of the intervals between two rows, the share in which a channel that keeps its value steps at
@@ -112,19 +128,22 @@ def staircases(records: Sequence[tuple[Array, Array]]) -> dict[int, tuple[Hold, 
     >>> t = np.arange(8.0)
     >>> u = np.column_stack([t, [0, 0, 0, 0, 0, 0, 1, 1], [0, 0, 0, 2, 2, 2, 1, 1]])
     >>> {channel: [*map(str, holds)] for channel, holds in staircases([(t, u)]).items()}
-    {1: ['zero', 'between'], 2: ['zero']}
+    {1: ['zero', 'next', 'between'], 2: ['zero', 'next']}
     """
     parts = [np.delete(np.diff(u, axis=0) != 0.0, events_in(t), axis=0) for t, u in records]
+    at_rows = (Hold.ROW, Hold.NEXT)
     often = np.concatenate(parts).mean(axis=0)
     found: dict[int, tuple[Hold, ...]] = {}
     for channel in np.flatnonzero((often > 0.0) & (often <= _KEEPS)).tolist():
         seldom = often[channel] <= _SELDOM
-        found[channel] = (Hold.ROW, Hold.BETWEEN) if seldom else (Hold.ROW,)
+        found[channel] = (*at_rows, Hold.BETWEEN) if seldom else at_rows
     return found
 
 
 def stepped(t: Array, u: Array, holds: Sequence[Hold]) -> Stepped:
     """Rows with the limits of inputs where these step; unknown instants are put in the middle.
+
+    What has acted since the row before stands in that row.
 
     Examples
     --------
@@ -132,10 +151,12 @@ def stepped(t: Array, u: Array, holds: Sequence[Hold]) -> Stepped:
     >>> found.u[:, 0].tolist(), found.places.tolist(), found.t.round(6).tolist()
     ([0.0, 0.0, 0.0, 1.0, 1.0], [0, 1, 4], [0.0, 1.0, 1.5, 1.5, 2.0])
     """
+    u = a_row_sooner(u, np.array([one is Hold.NEXT for one in holds]))
     changes = np.diff(u, axis=0) != 0.0
     changes[events_in(t)] = False
     at_row, between = (
-        changes & np.array([one is hold for one in holds]) for hold in (Hold.ROW, Hold.BETWEEN)
+        changes & np.array([one in some for one in holds])
+        for some in ((Hold.ROW, Hold.NEXT), (Hold.BETWEEN,))
     )
     usual = np.median(np.diff(t))
     moment = max(LATER * usual, np.spacing(np.abs(t).max()))
@@ -155,6 +176,15 @@ def stepped(t: Array, u: Array, holds: Sequence[Hold]) -> Stepped:
     order = np.argsort(times, kind="stable")
     places = np.argsort(order)[: len(t)]
     return Stepped(times[order], np.vstack([u, inputs])[order], places, np.array(unknown))
+
+
+def a_row_sooner(u: Array, channels: NDArray[np.bool_]) -> Array:
+    """Inputs (n_rows, n_inputs), of which some have in each row the value of the next one.
+
+    >>> a_row_sooner(np.array([[0, 0], [1, 1], [2, 2]]), np.array([False, True])).tolist()
+    [[0, 1], [1, 2], [2, 2]]
+    """
+    return np.where(channels, np.append(u[1:], u[-1:], axis=0), u)
 
 
 Answer = TypeVar("Answer")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swsysid._checks.arrays import labels, table
-from swsysid._data.recordings import Hold, stepped
+from swsysid._data.recordings import Hold, a_row_sooner, stepped
 from swsysid._data.trajectories import increasing_times, places_along
 from swsysid._results import Array
 
@@ -52,8 +52,9 @@ class Records:
     quantity : str or None
         What the one law gives where that is the rate of no state: a force, a torque, a current.
         No column of X is a state then. None where the equations are those of states.
-    held : frozenset of int
-        Inputs that keep their value until the next row; others are on lines between rows.
+    holds : mapping of int to Hold
+        What inputs do between two rows, those that keep a value; others are on lines. What acts a
+        row before it is logged stands in that row.
     """
 
     X: Array
@@ -68,7 +69,7 @@ class Records:
     rates: frozenset[int] = frozenset()
     positions: Mapping[int, int] = field(default_factory=dict)
     quantity: str | None = None
-    held: frozenset[int] = frozenset()
+    holds: Mapping[int, Hold] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.X)
@@ -82,6 +83,26 @@ class Records:
     def n_inputs(self) -> int:
         """Number of columns of X after the states."""
         return self.X.shape[1] - self.n_states
+
+    @property
+    def held(self) -> frozenset[int]:
+        """Inputs that keep a value until the next row."""
+        return frozenset(one for one, hold in self.holds.items() if hold is not Hold.LINE)
+
+    @property
+    def holds_in_words(self) -> str:
+        """What inputs that are on no lines do between rows, in sentences."""
+        holds = [(self.names[channel], hold) for channel, hold in sorted(self.holds.items())]
+        told = (hold.sentence([name for name, own in holds if own is hold]) for hold in Hold)
+        return " ".join(one for one in told if one)
+
+    def holding(self, holds: Mapping[int, Hold]) -> Records:
+        """The same as it was logged, of which inputs do this between two rows."""
+        sooner = np.array([holds.get(one) is Hold.NEXT for one in range(self.X.shape[1])])
+        X = self.X.copy()
+        for rows in self.trajectories:
+            X[rows] = a_row_sooner(self.X[rows], sooner)
+        return replace(self, X=X, holds=holds)
 
     @property
     def static(self) -> bool:

@@ -188,7 +188,7 @@ class RecordedOutcome:
         records, terms = search.stretches.seen, self.models[-1].law.terms
         report = report_between(
             (self.joint_fits[1], self.joint_fits[2]),
-            replace(measured.records, held=records.held),
+            measured.records.holding(records.holds),
             measured.targets,
             self.split.of(measured.rows),
             models,

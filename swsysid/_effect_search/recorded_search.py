@@ -6,7 +6,7 @@ one law is rolled out freely instead, and a law of a quantity fitted to rows (`_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -66,17 +66,19 @@ def searched_recordings(
     targets = [state for state in range(law.n_states) if state not in moved]
     linear = linear_features(law.library(seen.X), seen.X)
 
+    as_logged = stretches
     if measured.recorded is not None:
-        stretches = _held(law, stretches, split, input_hold)[0]
+        stretches = _held(law, as_logged, {}, split, input_hold)[0]
     stepped = engine.stepped(law, stretches)
     search = Search(engine, stepped, effects, targets, linear, significance, most, verbose)
     outcome = _searched(RecordedOutcome(search, measured, split, declared, (), (), ()), law)
     if measured.recorded is None or not outcome.findings:
         return outcome
     # beside what was found an input may do otherwise: a line and a lag are late alike
-    stretches = replace(stretches, disturbance=outcome.search.stretches.disturbance)
-    other, best = _held(outcome.models[-1].law, stretches, split, input_hold)
-    if other.records.held == stretches.records.held:
+    as_logged = replace(as_logged, disturbance=outcome.search.stretches.disturbance)
+    holds = stretches.records.holds
+    other, best = _held(outcome.models[-1].law, as_logged, holds, split, input_hold)
+    if other.records.holds == holds:
         return outcome
     search = replace(outcome.search, stretches=engine.stepped(law, other))
     models = tuple(search.model(engine.fitted(one, search.stretches)) for one in best.ladder)
@@ -86,19 +88,23 @@ def searched_recordings(
 
 
 def _held(
-    law: Law, stretches: Stretches, split: Split, input_hold: object
+    law: Law,
+    as_logged: Stretches,
+    known: Mapping[int, Hold],
+    split: Split,
+    input_hold: object,
 ) -> tuple[Stretches, Law]:
-    """Stretches whose inputs keep their value where that is asked, or with "auto" leaves less.
+    """Stretches whose inputs keep a value where that is asked, or with "auto" leaves less.
 
-    With what the law remembers as it is then. Of what steps at an instant between two rows that
-    nobody knows a line has the mean.
+    With "auto" beside what is `known` of them, and with what the law remembers as it is then. Of
+    what steps at an instant between two rows that nobody knows a line has the mean.
     """
-    records, n_states = stretches.records, stretches.records.n_states
+    records, n_states = as_logged.records, as_logged.records.n_states
 
-    def holding(channels: frozenset[int]) -> Stretches:
-        recorded, seen = (replace(one, held=channels) for one in (records, stretches.seen))
+    def holding(holds: Mapping[int, Hold]) -> Stretches:
+        recorded, seen = (one.holding(holds) for one in (records, as_logged.seen))
         own = Stretches.of(recorded, seen, split.search)
-        return replace(own, disturbance=stretches.disturbance)
+        return replace(own, disturbance=as_logged.disturbance)
 
     def refined(stretches: Stretches) -> Fit:
         fit = RATES.fitted(law, stretches)
@@ -108,18 +114,22 @@ def _held(
         return fit
 
     if input_hold != "auto":
-        holds = told_holds(input_hold, records.n_inputs)
-        told = (n_states + number for number, one in enumerate(holds) if one is Hold.ROW)
-        return holding(frozenset(told)), law
+        told = enumerate(told_holds(input_hold, records.n_inputs), n_states)
+        at_rows = (Hold.ROW, Hold.NEXT)
+        return holding({channel: one for channel, one in told if one in at_rows}), law
     assert records.t is not None
     t, inputs = records.t, records.X[:, n_states:]
-    best, fit = stretches, None
-    for channel in staircases([(t[rows], inputs[rows]) for rows in records.trajectories]):
+    best, fit = holding(known), None
+    steps = staircases([(t[rows], inputs[rows]) for rows in records.trajectories])
+    for channel, holds in ((n_states + one, holds) for one, holds in steps.items()):
         fit = refined(best) if fit is None else fit
-        other = holding(best.records.held ^ {n_states + channel})
-        tried = refined(other)
-        if 2.0 * (cost(tried) - cost(fit)) < np.log1p(-CLEARLY):
-            best, fit = other, tried
+        for hold in (Hold.LINE, *holds):
+            if hold in (Hold.BETWEEN, best.records.holds.get(channel, Hold.LINE)):
+                continue
+            other = holding({**best.records.holds, channel: hold})
+            tried = refined(other)
+            if 2.0 * (cost(tried) - cost(fit)) < np.log1p(-CLEARLY):
+                best, fit = other, tried
     return best, law if fit is None else fit.law
 
 

@@ -81,7 +81,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
     max_effects : int, default=5
     significance : float, default=0.01
         Of an effect found by chance in the whole search of one.
-    input_hold : {"auto", "linear", "zero", "between"} or a sequence of these, default="auto"
+    input_hold : {"auto", "linear", "zero", "next", "between"} or a sequence, default="auto"
         What inputs of recordings with one law do between two rows, as `TrajectoryIdentifier` takes
         it; of what steps at an instant that is not known a line has the mean.
     n_jobs : int or None, default=None

@@ -307,11 +307,9 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
 
 
 def _held(report: EffectContents) -> str:
-    """Which inputs keep their value between rows, in a sentence; "" where all are on lines."""
-    records = report.data and report.data.records
-    names = [records.names[one] for one in sorted(records.held)] if records else []
-    keep = "keeps its value" if len(names) == 1 else "keep their values"
-    return f" {', '.join(names)} {keep} until the next row." if names else ""
+    """What inputs that are on no lines do between rows, in sentences."""
+    said = report.data.records.holds_in_words if report.data else ""
+    return f" {said}" if said else ""
 
 
 def _left_over(report: EffectContents) -> Iterator[str]:

@@ -17,6 +17,7 @@ from scipy.integrate import DOP853, RK45, Radau
 from swsysid._checks.arrays import column, state, table
 from swsysid._checks.parameters import one_of, real, whole
 from swsysid._data.coordinates import Extent
+from swsysid._data.recordings import a_row_sooner
 from swsysid._data.records import Records
 from swsysid._results import Array
 from swsysid._simulation.bands import check_no_band
@@ -103,7 +104,7 @@ def checked_request(
     `widths` are the numbers of states and of inputs that are wanted, None for any.
     """
     start, times = checked_times(x0, t)
-    one_of("input_hold", input_hold, ("zero", "linear"))
+    one_of("input_hold", input_hold, ("zero", "linear", "next"))
     samples = None if inputs is None else checked_inputs(inputs, times)
     given = len(start), 0 if samples is None else samples.shape[1]
     wanted = tuple(has if asks is None else asks for asks, has in zip(widths, given, strict=True))
@@ -133,6 +134,8 @@ def stretches(t: Array, inputs: Array | None, hold: str) -> Iterator[Stretch]:
     if inputs is None:
         yield t[-1], partial(parabola, 0.0, np.empty(0), np.empty(0), 0.0)
         return
+    if hold == "next":
+        inputs = a_row_sooner(inputs, np.ones(inputs.shape[1], dtype=bool))
     for row, (start, u) in enumerate(zip(t, inputs, strict=False)):
         end = t[min(row + 1, len(inputs) - 1)]
         slope = 0.0 * u

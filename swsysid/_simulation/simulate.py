@@ -51,7 +51,8 @@ def simulate(
 
     ``x0`` is the state at the first of the strictly increasing times ``t``, in the unit of time of
     the velocities. ``inputs`` (n_samples, n_inputs) are those at the first of these times, constant
-    until the next sample or, with ``input_hold="linear"``, linear in between. They are never
+    until the next sample or, with ``input_hold="linear"``, linear in between; with ``"next"`` they
+    have the value of the next sample. They are never
     extrapolated: the trajectory ends with ``Status.INPUT_RANGE`` if `t` goes on. In discrete time
     the map x[k+1] = velocity(x[k], u[k], mode(x[k], u[k])) is iterated and times only count the
     steps. The further options are the fields of `Options`.

@@ -94,10 +94,13 @@ def told_in_modes(found: StayIdentification) -> StayIdentification:
     features, coef = laws.features(samples.columns), laws.coef.copy()
     inside = np.diff(samples.modes, prepend=-1, append=-1) == 0  # as the sample before and after
     untold = np.zeros(laws.free.shape, dtype=bool)
+    if laws.region is not None:
+        return found
     for mode in laws.modes:
         rows = features[inside[:-1] & inside[1:] & (samples.modes == mode)]
-        own = of_their_own(rows)
-        if laws.region is not None or own.all() or len(rows) < len(own):
+        # stays of a sample or two, as of an impact, tell of no term that it is another one's
+        own = of_their_own(rows) if len(rows) >= features.shape[1] else None
+        if own is None or own.all():
             continue
         free = laws.free[mode].any(axis=1)
         coef[mode, free] = in_these(coef[mode][None], rows, own)[0, free]

@@ -132,8 +132,9 @@ class Given:
         return replace(self, records=records, names=names, order=1)
 
     def held(self, holds: Sequence[str]) -> Given:
-        """The same with rows where inputs step that keep their value until the next row."""
-        return self.stepped([Hold.ROW if one == Hold.ROW else Hold.LINE for one in holds])
+        """The same with rows where inputs step that do so at rows."""
+        lines = (Hold.LINE, Hold.BETWEEN)
+        return self.stepped([Hold.LINE if one in lines else Hold(one) for one in holds])
 
     def stepped(self, holds: Sequence[Hold]) -> Given:
         """The same with rows where inputs step that keep their value."""

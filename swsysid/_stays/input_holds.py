@@ -4,8 +4,9 @@ With V half the sum of squares that laws and states of highest likelihood leave 
 
 .. math:: \tfrac n2 \log V + \tfrac m2 \log n
 
-is least for one of three: it is on a line between two rows, it keeps its value until the next row,
-or it steps at instants between the rows, which are estimated with the laws. The m instants that no
+is least for one of four: it is on a line between two rows, it keeps its value until the next row,
+it has had its value since the row before, as what a logger writes at the end of an interval, or it
+steps at instants between the rows, which are estimated with the laws. The m instants that no
 row tells are these and those at which modes switch by themselves: a switch by an input that steps
 is where it steps. Stays are as the first rounds have told them, or told anew.
 """
@@ -42,8 +43,8 @@ def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> 
     """What inputs do between two rows, in words; nothing of lines."""
     n_steps = sum(0 if one.unknown is None else len(one.unknown) for one in given.records)
     for name, hold in zip(names[-given.n_inputs :], holds, strict=False):
-        if hold == Hold.ROW:
-            yield f"{name} keeps its value until the next row."
+        if hold in (Hold.ROW, Hold.NEXT):
+            yield Hold(hold).sentence([name])
         if hold == Hold.BETWEEN:
             yield (
                 f"{name} keeps its value and steps between two rows: "
@@ -89,7 +90,7 @@ def told_holds(input_hold: object, n_inputs: int) -> tuple[Hold, ...]:
     if told is None or len(told) != n_inputs:
         raise ValueError(
             f"input_hold={shown(input_hold)} must be 'auto', or say of each of {n_inputs} inputs "
-            "whether it is 'linear', 'zero' or 'between'."
+            "whether it is 'linear', 'zero', 'next' or 'between'."
         )
     return tuple(Hold(one_of("input_hold", one, map(str, Hold))) for one in told)
 

@@ -212,8 +212,8 @@ class JudgedOnRecordings(FittedLater):
 
     def _with_hold(self, options: dict[str, object]) -> dict[str, object]:
         """Options of `simulate`: held are inputs all of which were, others are on lines."""
-        hold = Hold.ROW if {*self._holds} == {Hold.ROW} else Hold.LINE
-        return {"input_hold": str(hold)} | options
+        alike = next((one for one in (Hold.ROW, Hold.NEXT) if {*self._holds} == {one}), Hold.LINE)
+        return {"input_hold": str(alike)} | options
 
     def _keep(self, given: Given | None) -> None:
         """The recordings of a fit, nothing of which is known yet."""

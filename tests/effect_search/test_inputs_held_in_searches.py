@@ -7,6 +7,7 @@ import pytest
 from numpy.linalg import LinAlgError
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid._data.recordings import Hold
 from swsysid._data.records import make_records
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.recorded_search import _held
@@ -55,6 +56,19 @@ def test_a_command_is_held_without_being_told():
     assert held_out(on_lines) > 1.2 * NOISE
 
 
+@pytest.mark.parametrize("asked", ["next", "auto"])
+def test_what_has_acted_before_it_was_logged_is_no_delay(asked):
+    """A logger writes at the end of each interval what has acted in it."""
+    t, x, u = commanded()
+    search = searched(t, x, np.append(u[:1], u[:-1]), input_hold=asked)
+    assert search.effects_ == []
+    assert held_out(search) == pytest.approx(NOISE, rel=0.15)
+    assert "acts a row before it is logged" in str(search.report_)
+    # a rollout of the model takes the input as it acts
+    run = search.best_estimator_.simulate(x[:1], t, u[:, None])
+    np.testing.assert_allclose(run.x[:, 0], x, atol=5.0 * NOISE)
+
+
 def test_a_late_command_is_late_by_as_much_and_does_not_act_at_once():
     search = searched(*commanded(late=2))
     [found] = search.effects_
@@ -80,7 +94,7 @@ def test_an_input_on_lines_stays_there():
 def test_a_delay_of_what_is_held_is_its_mean_until_the_next_row():
     X = np.column_stack([np.zeros(5), [0.0, 0.0, 1.0, 1.0, 1.0]])
     records = make_records(X, 1, t=np.arange(5.0), names=["x", "u"])
-    held = type(records)(**{**vars(records), "held": frozenset({1})})
+    held = type(records)(**{**vars(records), "holds": {1: Hold.ROW}})
     # the step at 2 arrives at 2.25: a quarter of the interval that begins at 2 still has the zero
     np.testing.assert_allclose(Delay().columns(held, 1, 0.25)[:, 0], [0, 0, 0.75, 1, 1], atol=1e-12)
     np.testing.assert_allclose(Delay().columns(held, 1, 1.5)[:, 0], [0, 0, 0, 0.5, 1], atol=1e-12)
@@ -124,6 +138,6 @@ def test_what_an_input_does_is_asked_beside_the_disturbance_of_the_search(asked)
     rows = np.arange(len(t))
     stretches = replace(Stretches.of(records, records, rows), disturbance=1.0)
     law = Law.of(lambda X: X, np.ones((1, 2), dtype=bool), np.zeros((1, 2)))
-    other, _ = _held(law, stretches, Split(rows, rows[:0], "nothing"), asked)
+    other, _ = _held(law, stretches, {}, Split(rows, rows[:0], "nothing"), asked)
     assert other.records.held == {1}
     assert other.disturbance == 1.0

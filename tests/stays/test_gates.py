@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from swsysid import (
+    HybridAutomaton,
     HybridAutomatonRegressor,
     PolynomialSurfaceClassifier,
     SwitchingSystemRegressor,
@@ -92,3 +93,16 @@ def test_a_square_of_two_levels_is_no_feature_of_a_surface():
     # of 1, x0, x1, x0^2, x0 x1, x1^2 the last is the third wherever there are data
     assert surface.coef_[0, 5] == 0.0
     assert -surface.coef_[0, 0] / surface.coef_[0, 2] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_mode_of_which_no_sample_has_both_neighbours_is_no_error():
+    """A ball that jumps in one mode: what a second mode takes of it are single samples."""
+    ball = HybridAutomaton.stated(
+        [{"y": "v", "v": "-9.81"}], [(0, 0, "y <= 0", {"v": "-0.8 v"})], states=["y", "v"]
+    )
+    t = np.arange(0.0, 3.0, 0.02)
+    x = ball.simulate([1.0, 0.0], t, mode=0).x
+    x = x + 0.003 * np.random.default_rng(0).standard_normal(x.shape)
+    regressor = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
+    found = TrajectoryIdentifier(regressor).fit(x, t)
+    assert not found.report_.rollouts.holds

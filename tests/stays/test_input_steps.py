@@ -79,6 +79,19 @@ def test_a_command_that_is_held_acts_from_its_row_on():
     assert found.score(unseen[1], unseen[0], inputs=unseen[2]) > 0.9995
 
 
+def test_what_is_logged_at_the_end_of_an_interval_has_acted_in_it():
+    t, x, u = command()
+    logged = np.append(u[:1], u[:-1], axis=0)
+    found = TrajectoryIdentifier(affine()).fit(x, t, inputs=logged)
+    assert found.input_holds_ == ("next",)
+    off = np.abs(found.estimator_.coef_[0, 0] - TRUE)
+    assert (off <= 2.0 * found.coef_errors_[0, 0]).all() and off.max() <= 0.01
+    assert "acts a row before it is logged" in str(found.report_)
+    run = found.simulate(x[0], t, logged)
+    np.testing.assert_allclose(run.x, x, atol=6.0 * NOISE)
+    assert found.score(x, t, inputs=logged) > 0.9995
+
+
 def test_what_is_told_of_inputs_is_taken_and_nothing_else_is_tried(monkeypatch):
     t, x, u = command()
     asked = TrajectoryIdentifier(affine()).fit(x, t, inputs=u)
