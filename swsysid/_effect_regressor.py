@@ -147,7 +147,7 @@ class EffectRegressor(ToOtherTools, ScoredByR2, MultiOutputMixin, RegressorMixin
         inputs : array-like of shape (n_times, n_inputs), default=None
         signals : array-like of shape (n_times, n_signals), default=None
             Needed if an effect uses them.
-        input_hold : {"zero", "linear"}, default="zero"
+        input_hold : {"zero", "linear", "next"}, default="zero"
         mode : int, default=None
             Of an automaton: that in which the rollout starts; None is what its guards tell.
         **options

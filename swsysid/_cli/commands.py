@@ -243,17 +243,17 @@ def _on_one_clock(run: Joined, path: str, hold: str | None) -> tuple[Array, Arra
     if hold is None:
         raise TableError(
             f"the inputs of {path} have clocks of their own; say what they do between their "
-            "samples: --hold zero or --hold linear."
+            "samples: --hold zero, --hold linear or --hold next."
         )
     known = [np.flatnonzero(np.isfinite(column)) for column in inputs.T]
     t = run.t[max(own[0] for own in known) : min(own[-1] for own in known) + 1]
-    between = [
-        np.interp(t, run.t[own], column[own])
-        if hold == "linear"
-        else column[own[np.searchsorted(run.t[own], t, side="right") - 1]]
-        for own, column in zip(known, inputs.T, strict=True)
-    ]
-    return t, np.column_stack(between)
+    between: dict[str, Callable[[Array, Array], Array]] = {
+        "linear": lambda clock, column: np.interp(t, clock, column),
+        "zero": lambda clock, column: column[np.searchsorted(clock, t, side="right") - 1],
+        "next": lambda clock, column: column[np.searchsorted(clock, t)],
+    }
+    pairs = zip(known, inputs.T, strict=True)
+    return t, np.column_stack([between[hold](run.t[own], column[own]) for own, column in pairs])
 
 
 def _write(path: str, names: Sequence[str], columns: Sequence[NDArray]) -> None:

@@ -19,6 +19,7 @@ from swsysid._automaton.rollouts import iterate as iterate_automaton
 from swsysid._automaton.transitions import Transition
 from swsysid._checks.parameters import one_of, whole
 from swsysid._data.coordinates import Extent
+from swsysid._data.recordings import a_row_sooner
 from swsysid._effect_model.declared import SwitchingLaws
 from swsysid._effect_model.equations import NoAutomatonError, automaton_of_fit
 from swsysid._effect_model.joint_fit import JointFit
@@ -72,12 +73,14 @@ class _Rollout:
         laws, n_columns = self.laws, self.laws.n_columns
         self.terms, self.n_states = fit.terms, laws.coef.shape[1]
         self.is_discrete = laws.discrete_time
-        one_of("input_hold", input_hold, ("zero", "linear"))
+        one_of("input_hold", input_hold, ("zero", "linear", "next"))
         x0, self.t = checked_times(x0, t)
         inputs = _samples(inputs, self.t, "inputs", n_columns - self.n_states)
         signals = _samples(signals, self.t, "signals", n_signals(fit.terms, n_columns))
         _check_states(x0, self.n_states, n_columns)
         n_known = min(len(inputs), len(signals))
+        if input_hold == "next":
+            inputs = a_row_sooner(inputs, np.ones(inputs.shape[1], dtype=bool))
         self.inputs, self.signals = inputs[:n_known], signals[:n_known]
         # among the given channels, tabulated columns follow the inputs, the time and the signals
         first_tabulated = n_columns - self.n_states + 1 + self.signals.shape[1]

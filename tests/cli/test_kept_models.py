@@ -160,7 +160,7 @@ def test_inputs_and_rows_come_from_the_formats_of_loggers(kept):
     np.testing.assert_array_equal(found[:, 1:2], wanted)
 
 
-@pytest.mark.parametrize("hold", ["zero", "linear", None])
+@pytest.mark.parametrize("hold", ["zero", "linear", "next", None])
 def test_inputs_with_clocks_of_their_own_act_as_they_are_held(hold, tmp_path, capsys):
     """Of whole times one input knows every third, the other every second, each as it is held."""
     plant = HybridAutomaton.stated([{"x": "a + 10 b - x"}], states=["x"], inputs=["a", "b"])
@@ -182,6 +182,8 @@ def test_inputs_with_clocks_of_their_own_act_as_they_are_held(hold, tmp_path, ca
     dense = np.union1d(t, np.linspace(1.0, 11.0, 4001))
     if hold == "linear":
         u = np.column_stack([np.interp(dense, slow, a), np.interp(dense, fast, b)])
+    elif hold == "next":
+        u = np.column_stack([a[np.searchsorted(slow, dense)], b[np.searchsorted(fast, dense)]])
     else:
         u = np.column_stack([a[(dense // 3).astype(int)], b[((dense - 1) // 2).astype(int)]])
     wanted = plant.simulate([0.0], dense, u, mode=0, input_hold=hold).x[np.searchsorted(dense, t)]

@@ -67,6 +67,9 @@ def test_what_has_acted_before_it_was_logged_is_no_delay(asked):
     # a rollout of the model takes the input as it acts
     run = search.best_estimator_.simulate(x[:1], t, u[:, None])
     np.testing.assert_allclose(run.x[:, 0], x, atol=5.0 * NOISE)
+    logged = np.append(u[:1], u[:-1])[:, None]
+    same = search.best_estimator_.simulate(x[:1], t, logged, input_hold="next")
+    np.testing.assert_allclose(same.x, run.x, atol=1e-9)
 
 
 def test_a_late_command_is_late_by_as_much_and_does_not_act_at_once():
