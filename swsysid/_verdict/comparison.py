@@ -143,6 +143,14 @@ class Comparison:
         return self._size(told) / best if told is not None and best > 0.0 else np.inf
 
     @property
+    def predicts_nothing(self) -> bool:
+        """Whether the mean predicts as well; of columns at rest, of noise alone, it does."""
+        moves = self.spread > (0.0 if self.noise is None else JUDGING.noise_alone * self.noise)
+        return bool(moves.any()) and relative_error(
+            self.errors[:, moves], self.spread[moves]
+        ) >= 1.0
+
+    @property
     def lacks_something(self) -> bool:
         """True if no law of one mode leaves nothing but noise of measured states."""
         noise_alone = self._size(self.best.errors) <= JUDGING.noise_alone
@@ -161,7 +169,7 @@ class Comparison:
             if self.explains and self.lacks_something:
                 return Verdict.UNREPEATED
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
-        if relative_error(self.errors, self.spread) >= 1.0:
+        if self.predicts_nothing:
             return Verdict.USELESS
         if self.n_switches < JUDGING.fewest_switches:
             return Verdict.TOO_FEW

@@ -212,6 +212,15 @@ def compared(several, one, richer, n_switches=20, told=None, n_rows=200, uneven=
             Verdict.UNREPEATED,
         ),
         (replace(compared(0.6, 0.5, 0.4), noise=np.full(1, 0.1)), Verdict.SMOOTH),
+        # of a column that rests the mean is as good as anything
+        (
+            replace(compared(0.4, 3.0, 2.0), spread=np.full(1, 0.4), noise=np.full(1, 0.4)),
+            Verdict.SWITCHES,
+        ),
+        (
+            replace(compared(0.4, 3.0, 2.0), spread=np.full(1, 0.4), noise=np.full(1, 0.1)),
+            Verdict.USELESS,
+        ),
         # so do those of a smooth law
         (replace(compared(0.6, 0.5, 0.1), noise=np.full(1, 0.1), explains=True), Verdict.SMOOTH),
     ],
