@@ -34,10 +34,6 @@ from swsysid._stays.samples import states_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 
-# By what part V must fall. For plants made here whose inputs step it is .78 to .99, for measured
-# sets whose laws lack something else .02 or .03, which may as well be a part of that.
-CLEARLY = 0.1
-
 
 def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> Iterator[str]:
     """What inputs do between two rows, in words; nothing of lines."""
@@ -61,7 +57,9 @@ def holds_of(
 ) -> tuple[Hold, ...]:
     """What each input does between two rows, as a user says, or with "auto" the recordings.
 
-    One law is tried first: where it leaves nothing but noise, steps are no switches of modes.
+    One law is tried first: where it leaves nothing but noise, steps are no switches of modes. Where
+    laws lack a mode, an input makes up for it as it can: so many modes more are asked until they
+    leave nothing but noise, or say the same as one mode fewer.
     """
     if input_hold != "auto":
         return told_holds(input_hold, given.n_inputs)
@@ -73,12 +71,13 @@ def holds_of(
         given = without_clipped(between_jumps(given).given)
         given = Origin.of(given, estimator, order).counted(given)
         search = Search(estimator, given, order, None, settings, lambda: None)
-        for n_modes in () if search.is_exact else dict.fromkeys((1, search.usual_count)):
+        holds, before = lines, None
+        for n_modes in () if search.is_exact else dict.fromkeys((1, *search.counts)):
             best = _best(search, n_modes, channels)
-            is_law = n_modes != 1 or leaves_noise(best.reached, search.base.noise)
-            if best.holds != lines and (is_law or search.usual_count == 1):
-                return best.holds
-    return lines
+            holds, before = best.holds, holds if n_modes > 1 else None
+            if holds == before or leaves_noise(best.reached, search.base.noise):
+                break
+    return holds
 
 
 def told_holds(input_hold: object, n_inputs: int) -> tuple[Hold, ...]:
@@ -108,8 +107,9 @@ def _best(search: Search, n_modes: int, channels: Mapping[int, tuple[Hold, ...]]
                 begun = search.held(other).begun(n_modes).reached
                 tried.append(_Trial(tuple(other), begun.with_noise(search.base.noise)))
             for one in tried:
-                clearly = one.left < (1.0 - CLEARLY) * best.left
-                if (clearly or one.switches) and one.nats < best.nats:
+                # instants that are free make up for whatever a law lacks
+                is_told = hold is not Hold.BETWEEN or leaves_noise(one.reached, search.base.noise)
+                if is_told and one.nats < best.nats:
                     best = one
     return best
 
@@ -151,11 +151,6 @@ class _Trial:
         n_values = max(2, int(np.isfinite(nodes.y).sum()))
         misfit = np.log(max(self.left, np.finfo(float).tiny))
         return float(0.5 * n_values * misfit + 0.5 * self.n_instants * np.log(n_values))
-
-    @property
-    def switches(self) -> bool:
-        """True if modes switch where inputs step, more often than elsewhere."""
-        return bool(self.reached.estimate.nodes.in_steps.any())
 
     @property
     def n_instants(self) -> int:

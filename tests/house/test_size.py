@@ -135,7 +135,7 @@ MOST_LINES = {
     "_stays": 10090,
     "_surfaces": 2400,
     "_tables": 2600,
-    "_verdict": 1730,
+    "_verdict": 1740,
     "top": 4120,
 }
 # a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,

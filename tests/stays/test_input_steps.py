@@ -118,8 +118,8 @@ def test_instants_are_sought_where_it_is_told_that_they_lie_between_rows():
 @pytest.mark.parametrize(
     ("told", "sentence"),
     [
-        ("cubic", "input_hold='cubic' is unknown; choose 'auto', 'linear', 'zero' or 'between'."),
-        (("zero", "cubic"), "input_hold='cubic' is unknown; choose 'linear', 'zero' or 'between'."),
+        ("cubic", "input_hold='cubic' is unknown; choose 'auto', 'linear', 'zero', 'next' or 'between'."),
+        (("zero", "cubic"), "input_hold='cubic' is unknown; choose 'linear', 'zero', 'next' or 'between'."),
         (
             ("zero",) * 3,
             "must be 'auto', or say of each of 2 inputs whether it is",
@@ -200,3 +200,19 @@ def test_a_step_stays_between_the_samples_around_it():
     assert t[rows[3]] - 0.02 * STEP < now[3] < t[rows[3]]
     assert (np.diff(moved.times[0]) > 0.0).all()
     np.testing.assert_array_equal(moved.u, recordings.u)
+
+
+def test_a_staircase_is_held_beside_modes_that_it_decides():
+    """A dead zone of a command: one law, and two, make up for the third by lines between rows."""
+    rng = np.random.default_rng(11)
+    u = np.repeat(rng.uniform(-3.0, 3.0, 40), 10)
+    drive = 5.0 * np.sign(u) * np.maximum(np.abs(u) - 0.8, 0.0)
+    kept, w = np.exp(-2.0 * 0.05), np.zeros(400)
+    for k in range(399):
+        w[k + 1] = kept * w[k] + (1.0 - kept) / 2.0 * drive[k]
+    noisy = w[:, None] + 0.02 * rng.standard_normal((400, 1))
+    regressor = SwitchingSystemRegressor("auto", feature_library=1, random_state=0)
+    found = TrajectoryIdentifier(regressor).fit(noisy, 0.05 * np.arange(400), inputs=u[:, None])
+    assert found.input_holds_ == ("zero",) and found.n_modes_ == 3
+    gains = np.sort(found.estimator_.coef_[:, 0, 2])
+    np.testing.assert_allclose(gains, [0.0, 5.0, 5.0], atol=0.15)
