@@ -190,23 +190,24 @@ def _left(automaton: HybridAutomaton, record: Record, start: Array, mode: int) -
         return np.full(record.y.shape, np.nan)
     left = record.y - run.x[:, : record.y.shape[1]]
     if not automaton.discrete_time:
-        jumps = np.array([one.time for one in run.events if one.kind == "jump"])
-        _on_either_side(left, automaton, record, run, np.searchsorted(record.t, jumps))
+        _on_either_side(left, automaton, record, run)
     return left
 
 
 def _on_either_side(
-    left: Array, automaton: HybridAutomaton, record: Record, run: Trajectory, after: NDArray[np.intp]
+    left: Array, automaton: HybridAutomaton, record: Record, run: Trajectory
 ) -> None:
     """The samples beside a jump leave what the nearer of its sides leaves of them.
 
     An instant that is off by less than a step is otherwise the whole of what a rollout leaves: a
-    ball's speed has one sign or the other. `after` are the first samples behind the jumps; what
-    one side says at a sample of the other is a step of Heun from the sample beside it.
+    ball's speed has one sign or the other. What one side says at a sample of the other is a step
+    of Heun from the sample beside it.
     """
-    n_channels, inside = left.shape[1], after[(after > 0) & (after < len(record.t))]
-    unit = spread(record.filled)
-    for here, there in [*zip(inside, inside - 1, strict=True), *zip(inside - 1, inside, strict=True)]:
+    after = np.searchsorted(record.t, [one.time for one in run.events if one.kind == "jump"])
+    after = after[(after > 0) & (after < len(record.t))]
+    n_channels, unit = left.shape[1], spread(record.filled)
+    heres, theres = np.append(after, after - 1), np.append(after - 1, after)
+    for here, there in zip(heres, theres, strict=True):
         passed, x, mode = record.t[here] - record.t[there], run.x[there], int(run.modes[there])
         first = automaton.velocity(x, record.u[there], mode)
         second = automaton.velocity(x + passed * first, record.u[here], mode)

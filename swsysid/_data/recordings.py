@@ -97,10 +97,10 @@ class Hold(StrEnum):
         keep = "keeps its value" if is_one else "keep their values"
         since, act = ("has had its value", "acts") if is_one else ("have had their values", "act")
         said = {
-            Hold.ROW: f"{those} {keep} until the next row.",
-            Hold.NEXT: f"{those} {since} since the row before, and {act} a row before it is logged.",
+            Hold.ROW: f"{keep} until the next row.",
+            Hold.NEXT: f"{since} since the row before, and {act} a row before it is logged.",
         }
-        return said.get(self, "") if names else ""
+        return f"{those} {said[self]}" if names and self in said else ""
 
 
 # Of the intervals between two rows, the share in which a channel that keeps its value steps at

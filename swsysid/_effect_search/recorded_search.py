@@ -33,9 +33,9 @@ from swsysid._stays.input_holds import told_holds
 from swsysid.effects import Effect
 from swsysid.effects._kinematics import positions_along
 
-# By what part the squares must fall where an input does otherwise. For plants made here whose inputs
-# step it is .78 to .99, for measured sets whose laws lack something else .02 or .03, which may as
-# well be a part of that.
+# By what part the squares must fall where an input does otherwise. For plants made here whose
+# inputs step it is .78 to .99, for measured sets whose laws lack something else .02 or .03, which
+# may as well be a part of that.
 _CLEARLY = 0.1
 _SURE = 0.05  # an interval of 95 % that is told excludes zero
 

@@ -146,9 +146,9 @@ class Comparison:
     def predicts_nothing(self) -> bool:
         """Whether the mean predicts as well; of columns at rest, of noise alone, it does."""
         moves = self.spread > (0.0 if self.noise is None else JUDGING.noise_alone * self.noise)
-        return bool(moves.any()) and relative_error(
-            self.errors[:, moves], self.spread[moves]
-        ) >= 1.0
+        return (
+            bool(moves.any()) and relative_error(self.errors[:, moves], self.spread[moves]) >= 1.0
+        )
 
     @property
     def lacks_something(self) -> bool:

@@ -160,8 +160,8 @@ class SwitchingVerdict:
                 "the model has one mode, and no smooth law with more terms is better."
             )
         lower = 1.0 - 1.0 / (1.0 - comparison.improvement)  # the best law's error, than the model's
-        return (
-            f"No switching: the model has one mode. With {best.terms} terms its held-out error is "
+        return self._no_switching(
+            f"the model has one mode. With {best.terms} terms its held-out error is "
             f"{100 * lower:.1f} % lower{self._advice()}."
         )
 
@@ -177,7 +177,8 @@ class SwitchingVerdict:
 
     def _no_switching(self, told: str) -> str:
         """What is `told` of one mode; where one was not asked for, it proves that by its noise."""
-        if self.asked != "auto" or not self.comparison.lacks_something:
+        strays = self.free is not None and not (self.free.holds or self.free.hangs_on_start)
+        if self.asked != "auto" or not (strays or self.comparison.lacks_something):
             return f"No switching: {told}"
         return (
             f"Whether it switches is not shown: {told} It leaves more than noise: try another "

@@ -7,12 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from swsysid import load_model, save_model
+from swsysid import HybridAutomaton, load_model, save_model
 from swsysid._cli.guard_words import inequality, regions
 from swsysid._cli.job import JobOptions, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.samples import measure
 from swsysid._cli.text import render
+from swsysid._data.recordings import Record
+from swsysid._free_rollouts.courses import Course
+from swsysid._free_rollouts.judge import free_rollouts
+from swsysid._free_rollouts.sample_noise import SampleNoise
 from swsysid._tables.table import Table
 from swsysid._verdict.comparison import (
     Comparison,
@@ -25,6 +29,7 @@ from swsysid._verdict.comparison import (
 )
 from swsysid._verdict.memory import memory
 from swsysid._verdict.terms import Terms
+from swsysid.results import SwitchingVerdict
 
 SAYINGS = (
     "clearly better than one mode: than",
@@ -236,6 +241,18 @@ def test_the_text_says_one_verdict_in_every_case(verdict, monkeypatch):
     result = job({"x": x, "dx": np.where(x > 0, 1.0, -1.0) - x}, ["x"])
     monkeypatch.setattr(Comparison, "verdict", verdict)
     said(result)
+
+
+@pytest.mark.parametrize(("wrong", "words"), [(False, "No switching"), (True, "not shown")])
+def test_no_switching_is_not_said_of_a_law_that_its_own_rollouts_refute(wrong, words):
+    t, noise = np.arange(0.0, 3.0, 0.02), SampleNoise.constant(np.array([0.01]), [""])
+    law = HybridAutomaton.stated([{"x": "-2 x" if wrong else "-x"}], states=["x"])
+    course = Course("", Record(t, np.exp(-t)[:, None], np.zeros((len(t), 0))), np.ones(1), 0)
+    free = free_rollouts(law, [course], noise, ["x"], unseen=True)
+    judged = SwitchingVerdict(
+        compared(0.1, 0.1, 0.08), 1, "auto", ("x",), "linear", 100, True, False, free=free
+    )
+    assert words in judged.sentence
 
 
 def test_the_gain_is_that_of_blocks_not_of_rows():

@@ -118,8 +118,14 @@ def test_instants_are_sought_where_it_is_told_that_they_lie_between_rows():
 @pytest.mark.parametrize(
     ("told", "sentence"),
     [
-        ("cubic", "input_hold='cubic' is unknown; choose 'auto', 'linear', 'zero', 'next' or 'between'."),
-        (("zero", "cubic"), "input_hold='cubic' is unknown; choose 'linear', 'zero', 'next' or 'between'."),
+        (
+            "cubic",
+            "input_hold='cubic' is unknown; choose 'auto', 'linear', 'zero', 'next' or 'between'.",
+        ),
+        (
+            ("zero", "cubic"),
+            "input_hold='cubic' is unknown; choose 'linear', 'zero', 'next' or 'between'.",
+        ),
         (
             ("zero",) * 3,
             "must be 'auto', or say of each of 2 inputs whether it is",
