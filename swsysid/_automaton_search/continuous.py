@@ -219,7 +219,11 @@ def _answer(
         coef = certainty(stays, origin).coef
         errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
         errors = errors_elsewhere(origin, errors, automaton)
-    rollouts, noise = _rolled_out(given, told, found, stays.left)
+    excess, neighbours = search.excess(stays, told.left), search.base.noise
+    n_channels, most = len(excess), SETTINGS.excess(given.n_samples)
+    # what laws that lack something leave is no noise to judge them by
+    of_samples = np.where(excess > most, neighbours[:n_channels], stays.left[:n_channels])
+    rollouts, noise = _rolled_out(given, told, found, of_samples)
     again = Again(
         lambda left: search.without(left, stays).identified(), search.estimator, search.base.noise,
         search.settings,
@@ -231,7 +235,7 @@ def _answer(
         told.states,
         switch_times_of(told.changes, len(given.records)),
         told.left[: given.sensed.n_channels],
-        _excess(search.excess(stays, told.left), given, told, noise),
+        _excess(excess, given, told, noise),
         verdicts_of(
             told.real,
             certificates(told, given, laws),

@@ -32,6 +32,7 @@ def test_a_ball_in_pixels_and_frames():
     assert "6.5" in str(found.report_)  # printed as it is
 
 
+@pytest.mark.filterwarnings("ignore:By itself")  # one law with few frames between jumps
 def test_a_model_of_one_position_refuses_two():
     t, y = frames()
     found = HybridAutomatonRegressor(1, order=2, random_state=0).fit(y, t)

@@ -100,7 +100,7 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 #   asked in an order (`_automaton_search/ways_out`, a file).
 MOST_LINES = {
     "_automaton": 3530,
-    "_automaton_search": 5810,
+    "_automaton_search": 5820,
     # - SpaceEx locations in which no time passes, or nothing can be (`_automaton/spaceex_pruning`);
     #   instants that lie on samples (`_automaton_search`), and what drives states and is no noise
     #   (`_discrete_stays/persistence`).
