@@ -26,7 +26,7 @@ from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._rendering.progress import progress
 from swsysid._results import GuardWarning, MisfitWarning
 from swsysid._stays.given import Given, read_given
-from swsysid._stays.input_holds import hold_sentences, holds_of
+from swsysid._stays.input_holds import hold_sentences, with_holds
 from swsysid._stays.search import check_order
 from swsysid._stays.settings import StaySettings
 from swsysid._trajectory_identifier import TrajectoryIdentifier
@@ -259,9 +259,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
             raise ValueError(
                 "t repeats times, and in discrete time every row is a step; give one row for each."
             )
-        estimator, known = self._estimator(), (self.input_hold, self.settings)
-        holds = () if discrete else holds_of(given, estimator, order, *known)
-        held = given.stepped(holds)
+        estimator, known, holds = self._estimator(), (self.input_hold, self.settings), ()
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
             if discrete:
                 found = sampled.identified(
@@ -269,13 +267,16 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
                     max_modes=whole("max_modes", self.max_modes), degree=degree, known=laws_known,
                 )  # fmt: skip
             else:
-                terms = GuardTerms(degree, self.unguarded_inputs)
-                found = continuous.identified(
-                    estimator, held, terms, self.settings, bar.update,
-                    order=order, refine=refine, known=laws_known,
+                asked = GuardTerms(degree, self.unguarded_inputs), self.settings, bar.update
+                found, holds = with_holds(
+                    lambda holds: continuous.identified(
+                        estimator, given.stepped(holds), *asked,
+                        order=order, refine=refine, known=laws_known,
+                    ),
+                    lambda found: found.automaton.n_modes, given, estimator, order, *known,
                 )  # fmt: skip
         self.input_holds_ = tuple(map(str, holds))
-        self._store(found, held)
+        self._store(found, given, given.stepped(holds))
         self._keep(given)
         return self
 
@@ -373,11 +374,11 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         held_out = HeldOutAutomata(stepped, split, fitted, self, laws)
         return Asked(held_out, self.feature_library, self.n_modes, AUTOMATON)
 
-    def _store(self, found: IdentifiedAutomaton, given) -> None:
+    def _store(self, found: IdentifiedAutomaton, given: Given, stepped: Given) -> None:
         self.automaton_ = found.automaton
         self.coef_, self.transitions_ = found.automaton.coef, found.automaton.transitions
         self.n_modes_ = found.automaton.n_modes
-        self.modes_, self.states_ = given.by_rows(found.modes), given.by_rows(found.states)
+        self.modes_, self.states_ = stepped.by_rows(found.modes), stepped.by_rows(found.states)
         self.switch_times_, self.noise_ = found.switch_times, found.noise
         self.verdicts_, self.refinement_ = found.verdicts, found.refinement
         self.mode_selection_ = list(found.candidates)
@@ -385,8 +386,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.guard_errors_, self.reset_errors_ = found.errors.guards, found.errors.resets
         self.known_ = found.known
         self.equation_noise_ = None if found.noises is None else found.noises.equation
-        held = hold_sentences(found.automaton.feature_map.names_in, self.input_holds_, given)
-        asked = self.n_modes, self.max_modes
+        names, asked = found.automaton.feature_map.names_in, (self.n_modes, self.max_modes)
+        held = hold_sentences(names, self.input_holds_, given, stepped)
         self.report_ = AutomatonReport.of(found, *asked, given.n_samples, held)
         if told := untold_switches(found):
             warnings.warn(told, GuardWarning, stacklevel=4)

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from swsysid._checkpoints import checkpointed
 from swsysid._checks.estimators import check_fitted
 from swsysid._checks.parameters import flag, verbosity
-from swsysid._data.recordings import many_recordings
+from swsysid._data.recordings import Hold, many_recordings
 from swsysid._journal import handing_over
 from swsysid._known.known import both_known, check_known
 from swsysid._pipelines import seeded
@@ -20,7 +20,7 @@ from swsysid._stays.certainty import Certainty, certainty, told_in_modes
 from swsysid._stays.condensed import Total, length_of, of_all
 from swsysid._stays.given import Given, read_given, warn_of_turns
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.input_holds import hold_sentences, holds_of
+from swsysid._stays.input_holds import hold_sentences, with_holds
 from swsysid._stays.knowledge import Again, Knowledge, checked
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import Pieces, between_jumps
@@ -235,16 +235,20 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         settings = self.settings.joined(flag("refine", self.refine))
         estimator = seeded(estimator, self.random_state).set_params(n_jobs=self.n_jobs)
         with progress(None, "rounds", bool(verbosity(self.verbose))) as bar:
-            holds = holds_of(given, estimator, order, self.input_hold, settings)
-            origin = Origin.of(given, estimator, order)
-            counted = origin.counted(pieces.given).stepped(holds)
-            options = settings, bar.update
-            search = Search(
-                estimator, counted, order, self.observed, *options,
-                knowledge=Knowledge(known, origin),
-            )  # fmt: skip
+            origin, options = Origin.of(given, estimator, order), (settings, bar.update)
+
+            def identified(holds: tuple[Hold, ...]) -> tuple[Search, StayIdentification]:
+                counted, knowledge = origin.counted(pieces.given), Knowledge(known, origin)
+                asked = counted.stepped(holds), order, self.observed, settings, bar.update
+                search = Search(estimator, *asked, knowledge=knowledge)
+                return search, search.identified()
+
             with handing_over(lambda begun: origin.told(begun).model):
-                found, total = search.identified(), None
+                (search, found), holds = with_holds(
+                    identified, lambda one: len(one[1].estimate.laws.coef),
+                    given, estimator, order, self.input_hold, settings,
+                )  # fmt: skip
+            total = None
             if many is None:
                 found = weighted(found, search, origin)
             else:
@@ -372,7 +376,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
         names = found.model.switching_model.feature_map.names_in
-        held = hold_sentences(names, self.input_holds_, given)
+        held = hold_sentences(names, self.input_holds_, pieces.given, given)
         self.report_ = reported(search, found, sure, self.modes_, origin, held, self.known_)
 
     def _store_all(self, total: Total) -> None:

@@ -89,7 +89,7 @@ class Hold(StrEnum):
 
 # Of the intervals between two rows, the share in which a channel that keeps its value steps at
 # most, and that up to which its instants are sought: most intervals are then whole ones.
-_KEEPS, _SELDOM = 0.5, 0.2
+KEEPS, _SELDOM = 0.5, 0.2
 
 
 @dataclass(frozen=True)
@@ -114,13 +114,17 @@ def staircases(records: Sequence[tuple[Array, Array]]) -> dict[int, tuple[Hold, 
     >>> {channel: [*map(str, holds)] for channel, holds in staircases([(t, u)]).items()}
     {1: ['zero', 'between'], 2: ['zero']}
     """
-    parts = [np.delete(np.diff(u, axis=0) != 0.0, events_in(t), axis=0) for t, u in records]
-    often = np.concatenate(parts).mean(axis=0)
-    found: dict[int, tuple[Hold, ...]] = {}
-    for channel in np.flatnonzero((often > 0.0) & (often <= _KEEPS)).tolist():
+    often, found = how_often(records), dict[int, tuple[Hold, ...]]()
+    for channel in np.flatnonzero((often > 0.0) & (often <= KEEPS)).tolist():
         seldom = often[channel] <= _SELDOM
         found[channel] = (Hold.ROW, Hold.BETWEEN) if seldom else (Hold.ROW,)
     return found
+
+
+def how_often(records: Sequence[tuple[Array, Array]]) -> Array:
+    """In which part of the intervals between two rows each channel changes, (n_inputs,)."""
+    parts = [np.delete(np.diff(u, axis=0) != 0.0, events_in(t), axis=0) for t, u in records]
+    return np.asarray(np.concatenate(parts).mean(axis=0))
 
 
 def stepped(t: Array, u: Array, holds: Sequence[Hold]) -> Stepped:

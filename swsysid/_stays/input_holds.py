@@ -12,10 +12,12 @@ is where it steps. Stays are as the first rounds have told them, or told anew.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from sklearn.base import clone
 
 from swsysid._checks.parameters import one_of, shown
 from swsysid._data.recordings import Hold, staircases
@@ -37,11 +39,21 @@ from swsysid._stays.settings import StaySettings
 # sets whose laws lack something else .02 or .03, which may as well be a part of that.
 CLEARLY = 0.1
 
+_FIRST_TRIED = 2  # as many modes as are tried first where their number is to be found
 
-def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> Iterator[str]:
-    """What inputs do between two rows, in words; nothing of lines."""
-    n_steps = sum(0 if one.unknown is None else len(one.unknown) for one in given.records)
-    for name, hold in zip(names[-given.n_inputs :], holds, strict=False):
+
+def hold_sentences(
+    names: Sequence[str], holds: Sequence[str], given: Given, stepped: Given
+) -> Iterator[str]:
+    """What inputs do between two rows, in words; nothing of lines.
+
+    `given` are the recordings as they are, `stepped` those with rows where inputs step.
+    """
+    n_steps = sum(0 if one.unknown is None else len(one.unknown) for one in stepped.records)
+    names = names[-given.n_inputs :]
+    if any(hold != Hold.LINE for hold in holds):
+        yield from _level_sentences(names, holds, given)
+    for name, hold in zip(names, holds, strict=False):
         if hold == Hold.ROW:
             yield f"{name} keeps its value until the next row."
         if hold == Hold.BETWEEN:
@@ -49,6 +61,43 @@ def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> 
                 f"{name} keeps its value and steps between two rows: "
                 f"{counted(n_steps, 'instant')} of its steps are estimated with the laws."
             )
+
+
+def _level_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> Iterator[str]:
+    """Inputs whose noise is left out."""
+    levels = np.vstack(given.at_levels[0])
+    noise = np.vstack([record.u for record in given.records]) - levels
+    for name, hold, own, left in zip(names, holds, levels.T, noise.T, strict=False):
+        if hold != Hold.LINE and left.any():
+            listed = ", ".join(f"{level:.3g}" for level in np.unique(own))
+            yield f"{name} has the levels {listed}; its noise of {left.std():.2g} is left out."
+
+
+Answer = TypeVar("Answer")
+
+
+def with_holds(
+    identify: Callable[[tuple[Hold, ...]], Answer],
+    n_modes: Callable[[Answer], int],
+    given: Given,
+    estimator: SwitchingSystemRegressor,
+    order: int,
+    input_hold: object,
+    settings: StaySettings,
+) -> tuple[Answer, tuple[Hold, ...]]:
+    """What is identified, and what inputs do between two rows.
+
+    Where more modes are found than were tried for that, these are asked again: laws of too few
+    modes may tell steps at wrong times.
+    """
+    holds = holds_of(given, estimator, order, input_hold, settings)
+    found = identify(holds)
+    if estimator.n_modes == "auto" and input_hold == "auto" and n_modes(found) > _FIRST_TRIED:
+        asked = clone(estimator).set_params(n_modes=n_modes(found))
+        others = holds_of(given, asked, order, input_hold, settings)
+        if others != holds:
+            return identify(others), others
+    return found, holds
 
 
 def holds_of(
@@ -65,7 +114,10 @@ def holds_of(
     if input_hold != "auto":
         return told_holds(input_hold, given.n_inputs)
     lines = (Hold.LINE,) * given.n_inputs
-    channels = staircases([(record.t, record.u) for record in given.records])
+    inputs, in_levels = given.at_levels
+    pairs = [(record.t, u) for record, u in zip(given.records, inputs, strict=True)]
+    # what steps often is a command all the same where it has few levels
+    channels = dict.fromkeys(in_levels, (Hold.ROW,)) | staircases(pairs)
     if not channels:
         return lines
     with Search.quietly():

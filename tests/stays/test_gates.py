@@ -1,5 +1,7 @@
 """A logged gate that decides the mode: a threshold between its levels, instants of its steps."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -10,6 +12,10 @@ from swsysid import (
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
 )
+from swsysid._data.recordings import Hold
+from swsysid._stays import input_holds
+from swsysid._stays.given import read_given
+from swsysid._stays.settings import StaySettings
 
 STEP, ROWS, RECORDINGS = 0.02, 300, 4
 CLOSED = np.array([[-0.2, -1.0], [1.0, -0.5]])  # and an input of 2 on the first state
@@ -68,10 +74,16 @@ def test_a_gate_that_decides_the_mode_does_so_between_its_levels(seed, levels, b
     assert found.report_.rollouts.holds
 
 
-def test_an_automaton_has_guards_between_the_levels_of_a_gate():
-    recordings, instants = converter(1, levels=(0.0, 5.0), noise=0.05)
+@pytest.mark.parametrize(
+    ("seed", "between", "noise"),
+    # as it is; with stays that noise hides from the laws; with steps between the rows
+    [(1, False, 0.05), (0, False, 0.1), (1, True, 0.01)],
+)
+def test_an_automaton_has_guards_between_the_levels_of_a_gate(seed, between, noise):
+    recordings, instants = converter(seed, levels=(0.0, 5.0), noise=noise, between=between)
     found = HybridAutomatonRegressor("auto", random_state=0).fit(recordings)
-    assert found.n_modes_ == 2 and found.input_holds_ == ("zero",)
+    assert found.n_modes_ == 2
+    assert found.input_holds_ == (("between",) if between else ("zero",))
     for one in found.automaton_.transitions:  # states, gate, dwell, time
         low, high = ([[x, -x, 2.5 + side, 1.0, 1.0] for x in (0.0, 3.0)] for side in (-0.01, 0.01))
         below, above = (one.guard.values(np.array(rows)) for rows in (low, high))
@@ -81,7 +93,9 @@ def test_an_automaton_has_guards_between_the_levels_of_a_gate():
     # eight coefficients within four standard errors, of which chance leaves one in 2,000
     assert (np.abs(laws - [CLOSED, OPEN]) < 4.0 * errors).all()
     for own, true in zip(found.switch_times_, instants, strict=True):
-        assert own == pytest.approx(true, abs=0.05 * STEP)  # refined as instants like any others
+        # refined as instants like any others; between rows to what noise leaves of a step
+        assert own == pytest.approx(true, abs=(0.75 if between else 0.05) * STEP)
+    assert np.isinf(found.coef_errors_[order][1, :, 3]).all()  # a gate at zero tells no gain
     assert found.report_.rollouts.holds and found.report_.rollouts.tells_switches
 
 
@@ -92,3 +106,47 @@ def test_a_square_of_two_levels_is_no_feature_of_a_surface():
     # of 1, x0, x1, x0^2, x0 x1, x1^2 the last is the third wherever there are data
     assert surface.coef_[0, 5] == 0.0
     assert -surface.coef_[0, 0] / surface.coef_[0, 2] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_law_with_products_of_the_gate_is_no_rival_of_the_modes_that_it_tells():
+    recordings, _ = converter(0)
+    asked = SwitchingSystemRegressor(feature_library=1, random_state=0)
+    told = TrajectoryIdentifier(asked).fit(recordings).verdict_
+    # (1 - g) f0 + g f1 is a law of degree two: as good, and no proof against the modes
+    assert told.trusted and told.best_law != "quadratic"
+    assert told.errors_of_laws["quadratic"] == pytest.approx(told.errors, rel=0.1)
+    assert "One mode with quadratic terms is the same model" in told.sentence
+
+
+def test_the_noise_of_a_gate_on_an_analog_channel_is_left_out():
+    recordings, instants = converter(0, levels=(0.02, 4.98), noise=0.02)
+    rng = np.random.default_rng(7)
+    for one in recordings:
+        one["inputs"] = one["inputs"] + 0.05 * rng.standard_normal((ROWS, 1))
+    asked = SwitchingSystemRegressor(feature_library=1, random_state=0)
+    found = TrajectoryIdentifier(asked).fit(recordings)
+    assert found.input_holds_ == ("zero",)
+    constant, *others = found.estimator_.surface_.coef_[0]
+    # levels are means of some 500 values with noise of 0.05
+    assert -constant / others[2] == pytest.approx(2.5, abs=0.01)
+    for own, true in zip(found.switch_times_, instants, strict=True):
+        assert own == pytest.approx(true, abs=1e-9)
+    order = np.argsort(found.coef_[:, 1, 1])
+    laws, errors = found.coef_[order][:, :, 1:3], found.coef_errors_[order][:, :, 1:3]
+    assert (np.abs(laws - [CLOSED, OPEN]) < 4.0 * errors).all()
+    assert np.isinf(found.coef_errors_[:, :, 3]).all()
+    assert re.search(r"x2 has the levels \S+, 4.98; its noise of 0.0\d+ is", str(found.report_))
+    assert found.verdict_.trusted
+
+
+def test_what_inputs_do_is_asked_again_with_as_many_modes_as_are_found(monkeypatch):
+    def told(given, estimator, *_):
+        return (Hold.ROW if estimator.n_modes == 3 else Hold.BETWEEN,)
+
+    monkeypatch.setattr(input_holds, "holds_of", told)
+    given, auto = read_given(converter(0)[0], None, None, None), SwitchingSystemRegressor("auto")
+    for n_modes, expected in ((2, [Hold.BETWEEN]), (3, [Hold.BETWEEN, Hold.ROW])):
+        tried = []
+        asked = given, auto, 1, "auto", StaySettings()
+        _, holds = input_holds.with_holds(tried.append, lambda _, n=n_modes: n, *asked)
+        assert [one for (one,) in tried] == expected and holds == (expected[-1],)
