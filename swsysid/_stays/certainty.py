@@ -97,8 +97,9 @@ def told_in_modes(found: StayIdentification) -> StayIdentification:
     untold = np.zeros(laws.free.shape, dtype=bool) if before is None else before.copy()
     for mode in laws.modes:
         rows = features[inside[:-1] & inside[1:] & (samples.modes == mode)]
-        own = of_their_own(rows)
-        if laws.region is not None or own.all() or len(rows) < len(own):
+        if laws.region is not None or len(rows) < rows.shape[1]:
+            continue
+        if (own := of_their_own(rows)).all():
             continue
         free = laws.free[mode].any(axis=1)
         coef[mode, free] = in_these(coef[mode][None], rows, own)[0, free]

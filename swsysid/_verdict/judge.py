@@ -121,8 +121,10 @@ class Judge(Generic[Fit]):
 
     def _is_same(self, fit: Fit, rival: Rival) -> bool:
         """Whether the modes of a fit and a law of one mode are one model of what is held out."""
-        cut = self.held_out.cut
-        return is_same(rival.terms, self.terms, cut.columns, fit.modes_[cut.rows])
+        columns = self.held_out.cut.columns
+        if columns.shape[1] != self.held_out.n_columns:  # laws of samples before have more
+            return False
+        return is_same(rival.terms, self.terms, columns, fit.modes_[self.held_out.cut.rows])
 
     def is_smooth(self) -> bool:
         """Whether a law of one mode leaves nothing but noise of what is held out."""

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
 
 from swsysid._results import Array
-from swsysid._verdict.terms import Terms
+from swsysid._verdict.terms import LawTerms, Terms
 
 # Rows that are asked, evenly among all; part of a column that its fit may leave, as rounding.
 _MOST_ROWS, _ROUNDING = 5000, 1e-7
@@ -20,6 +19,8 @@ _MOST_ROWS, _ROUNDING = 5000, 1e-7
 
 def is_same(law: Terms, terms: Terms, X: Array, modes: NDArray[np.intp]) -> bool:
     """Whether a law of one mode has room for whatever laws of some `terms` the modes have at X.
+
+    Of a library of the user's, which may ask for names of columns, that is not known.
 
     Examples
     --------
@@ -31,7 +32,7 @@ def is_same(law: Terms, terms: Terms, X: Array, modes: NDArray[np.intp]) -> bool
     """
     some = np.unique(np.linspace(0, len(X) - 1, _MOST_ROWS).astype(np.intp))
     X, modes = X[some], modes[some]
-    if law == terms or (modes == modes[0]).all():
+    if law == terms or terms.own is not None or (modes == modes[0]).all():
         return False
     room, own = (_values(one, X) for one in (law, terms))
     if room.shape[1] >= len(X):  # which has room for anything
@@ -44,7 +45,7 @@ def is_same(law: Terms, terms: Terms, X: Array, modes: NDArray[np.intp]) -> bool
 
 def _values(terms: Terms, X: Array) -> Array:
     """Terms of a law at rows, in units of their size."""
-    library = terms.of_rival()["feature_library"]
-    values = np.asarray(clone(library).fit_transform(X), dtype=float)
+    turning = terms.turning if terms.waves else ()
+    values = LawTerms(terms.columns, terms.degree, turning, terms.degrees).fit_transform(X)
     sizes = np.linalg.norm(values, axis=0)
     return values / np.where(sizes > 0.0, sizes, 1.0)

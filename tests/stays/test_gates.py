@@ -14,8 +14,16 @@ from swsysid import (
 )
 from swsysid._data.recordings import Hold
 from swsysid._stays import input_holds
+from swsysid._stays.certainty import told_in_modes
+from swsysid._stays.descent import Reached
 from swsysid._stays.given import read_given
+from swsysid._stays.identification import StayIdentification
+from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.nodes import Nodes
+from swsysid._stays.recordings import Recordings
 from swsysid._stays.settings import StaySettings
+from swsysid._stays.stays import Stays
 
 STEP, ROWS, RECORDINGS = 0.02, 300, 4
 CLOSED = np.array([[-0.2, -1.0], [1.0, -0.5]])  # and an input of 2 on the first state
@@ -150,3 +158,18 @@ def test_what_inputs_do_is_asked_again_with_as_many_modes_as_are_found(monkeypat
         asked = given, auto, 1, "auto", StaySettings()
         _, holds = input_holds.with_holds(tried.append, lambda _, n=n_modes: n, *asked)
         assert [one for (one,) in tried] == expected and holds == (expected[-1],)
+
+
+def test_a_mode_of_single_samples_has_no_terms_that_they_do_not_tell():
+    rng, t = np.random.default_rng(0), 0.1 * np.arange(9.0)
+    given = read_given(rng.standard_normal((9, 1)), t, None, rng.standard_normal((9, 1)))
+    recordings = Recordings.of(given.records)
+    nodes = Nodes(recordings, [Stays(np.array([0, 1, 0]), np.array([0.35, 0.45]))])
+    coef = rng.standard_normal((2, 1, 3))
+    laws = Laws(
+        coef, lambda X: np.column_stack([np.ones(len(X)), X]), np.ones(1), np.ones_like(coef) > 0.0
+    )
+    estimate = Estimate(laws, nodes, recordings.in_a_row(recordings.guess))
+    reached = Reached(estimate, Objective(np.full(1, 0.05), 0.4), 0.0)
+    found = StayIdentification(SwitchingSystemRegressor(), reached, (), 0.0)
+    assert told_in_modes(found) is found
