@@ -275,7 +275,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
                     order=order, refine=refine, known=laws_known,
                 )  # fmt: skip
         self.input_holds_ = tuple(map(str, holds))
-        self._store(found, held)
+        self._store(found, given, held)
         self._keep(given)
         return self
 
@@ -373,11 +373,11 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         held_out = HeldOutAutomata(stepped, split, fitted, self, laws)
         return Asked(held_out, self.feature_library, self.n_modes, AUTOMATON)
 
-    def _store(self, found: IdentifiedAutomaton, given) -> None:
+    def _store(self, found: IdentifiedAutomaton, given: Given, stepped: Given) -> None:
         self.automaton_ = found.automaton
         self.coef_, self.transitions_ = found.automaton.coef, found.automaton.transitions
         self.n_modes_ = found.automaton.n_modes
-        self.modes_, self.states_ = given.by_rows(found.modes), given.by_rows(found.states)
+        self.modes_, self.states_ = stepped.by_rows(found.modes), stepped.by_rows(found.states)
         self.switch_times_, self.noise_ = found.switch_times, found.noise
         self.verdicts_, self.refinement_ = found.verdicts, found.refinement
         self.mode_selection_ = list(found.candidates)
@@ -385,8 +385,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         self.guard_errors_, self.reset_errors_ = found.errors.guards, found.errors.resets
         self.known_ = found.known
         self.equation_noise_ = None if found.noises is None else found.noises.equation
-        held = hold_sentences(found.automaton.feature_map.names_in, self.input_holds_, given)
-        asked = self.n_modes, self.max_modes
+        names, asked = found.automaton.feature_map.names_in, (self.n_modes, self.max_modes)
+        held = hold_sentences(names, self.input_holds_, given, stepped)
         self.report_ = AutomatonReport.of(found, *asked, given.n_samples, held)
         if told := untold_switches(found):
             warnings.warn(told, GuardWarning, stacklevel=4)

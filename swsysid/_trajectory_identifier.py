@@ -373,7 +373,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         self.noise_ = found.left[: given.n_channels]
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
         names = found.model.switching_model.feature_map.names_in
-        held = hold_sentences(names, self.input_holds_, given)
+        held = hold_sentences(names, self.input_holds_, pieces.given, given)
         self.report_ = reported(search, found, sure, self.modes_, origin, held, self.known_)
 
     def _store_all(self, total: Total) -> None:

@@ -30,6 +30,7 @@ from swsysid._automaton_search.assembly import (
     switch_times_of,
     verdicts_of,
 )
+from swsysid._automaton_search.by_guards import with_stays_by_guards, with_steps_of
 from swsysid._automaton_search.certificates import certificates
 from swsysid._automaton_search.cutting import Cut, Cutting, apart, search_of
 from swsysid._automaton_search.doubts import ASKED_AT_SAMPLES, shared_exits
@@ -145,7 +146,16 @@ def _identified(
     more = with_brief_stays(found, stays, settings) if followed is None else None
     if more is not None:
         stays, found = more, transitions_of(more, pieces, terms)
+    given = with_steps_of(stays, given, pieces)
     found = _by_rollouts(given, stays, pieces, possible(found, stays))
+    if followed is None:
+
+        def guards_of(stays: StayIdentification) -> list[Settled]:
+            others = possible(transitions_of(stays, pieces, terms), stays)
+            return _by_rollouts(given, stays, pieces, others)
+
+        judge = partial(_free, given, pieces)
+        stays, found = with_stays_by_guards(stays, found, guards_of, judge, settings)
     parts, refinement = told_by_parts(given, stays, pieces, found), None
     if refine and found and followed is None:
         told()
@@ -215,6 +225,8 @@ def _answer(
     laws = replace(stays.estimate.laws, coef=told.coef)
     if refinement is not None and refinement.kept:
         errors = AutomatonErrors(*refinement.standard_errors)
+        if laws.untold is not None:
+            errors.coef[laws.untold[order]] = np.inf
     else:
         coef = certainty(stays, origin).coef
         errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
@@ -262,10 +274,17 @@ def _by_rollouts(
         return [replace(one, guard=guard) for one, guard in zip(found, guards, strict=True)]
 
     def judge(guards: Guards) -> FreeRollouts:
-        told = told_by_parts(given, stays, pieces, with_guards(guards))
-        return _rolled_out(given, told, assembled(told, stays), stays.left)[0]
+        return _free(given, pieces, stays, with_guards(guards))
 
     return with_guards(by_rollouts([one.guard for one in found], judge))
+
+
+def _free(
+    given: Given, pieces: Pieces, stays: StayIdentification, found: list[Settled]
+) -> FreeRollouts:
+    """What free rollouts leave with these guards."""
+    told = told_by_parts(given, stays, pieces, found)
+    return _rolled_out(given, told, assembled(told, stays), stays.left)[0]
 
 
 def _rolled_out(

@@ -41,7 +41,7 @@ from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.pieces import Pieces, cut_at
-from swsysid._stays.recordings import Recordings
+from swsysid._stays.recordings import Recordings, pieces_of
 from swsysid._stays.samples import modes_of, states_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
@@ -205,7 +205,8 @@ def hidden_jumps(
     parted, places = recordings.cut(settings.piece, settings.overlap)
     # the second ones are entered by a jump: the state is known by its spread alone
     wide = np.outer(np.square(laws.spread), np.arange(2 * n_modes) >= n_modes)
-    filter_ = replace(FlowFilter.of(twice, parted, found.left, least), entering=wide)
+    spans = pieces_of(recordings.spans, places)
+    filter_ = replace(FlowFilter.of(twice, parted, found.left, least, spans), entering=wide)
     price = float(np.log(recordings.lengths.sum()))
     told = decode(filter_, parted, price=price, n_kept=settings.n_kept).modes
     jumps: list[list[int]] = [[] for _ in range(n_recordings)]

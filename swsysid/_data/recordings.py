@@ -105,7 +105,7 @@ class Hold(StrEnum):
 
 # Of the intervals between two rows, the share in which a channel that keeps its value steps at
 # most, and that up to which its instants are sought: most intervals are then whole ones.
-_KEEPS, _SELDOM = 0.5, 0.2
+KEEPS, _SELDOM = 0.5, 0.2
 
 
 @dataclass(frozen=True)
@@ -130,14 +130,18 @@ def staircases(records: Sequence[tuple[Array, Array]]) -> dict[int, tuple[Hold, 
     >>> {channel: [*map(str, holds)] for channel, holds in staircases([(t, u)]).items()}
     {1: ['zero', 'next', 'between'], 2: ['zero', 'next']}
     """
-    parts = [np.delete(np.diff(u, axis=0) != 0.0, events_in(t), axis=0) for t, u in records]
-    at_rows = (Hold.ROW, Hold.NEXT)
-    often = np.concatenate(parts).mean(axis=0)
+    often, at_rows = how_often(records), (Hold.ROW, Hold.NEXT)
     found: dict[int, tuple[Hold, ...]] = {}
-    for channel in np.flatnonzero((often > 0.0) & (often <= _KEEPS)).tolist():
+    for channel in np.flatnonzero((often > 0.0) & (often <= KEEPS)).tolist():
         seldom = often[channel] <= _SELDOM
         found[channel] = (*at_rows, Hold.BETWEEN) if seldom else at_rows
     return found
+
+
+def how_often(records: Sequence[tuple[Array, Array]]) -> Array:
+    """In which part of the intervals between two rows each channel changes, (n_inputs,)."""
+    parts = [np.delete(np.diff(u, axis=0) != 0.0, events_in(t), axis=0) for t, u in records]
+    return np.asarray(np.concatenate(parts).mean(axis=0))
 
 
 def stepped(t: Array, u: Array, holds: Sequence[Hold]) -> Stepped:

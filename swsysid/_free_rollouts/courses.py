@@ -16,6 +16,8 @@ from swsysid._results import Array, Trajectory
 # Samples to which the begin of a break is known: noise may lead up to it.
 _BEGIN = 3
 
+_WHOLE = 0.999  # of a step: stays of that have a sample, whatever rounding leaves of instants
+
 SLIDES = -1  # the mode of a state that slides along a surface
 
 
@@ -52,6 +54,16 @@ class Course:
         steps = np.diff(self.record.t)
         # the two limits of an event are no step
         return float(np.median(steps[steps > 1e-6 * steps.max()]))
+
+    def begins(self, modes: NDArray[np.intp], time: float) -> str:
+        """That a model does not begin in the mode it should, where no switch is before a time.
+
+        `modes` are those in which it begins, none where it ends at once; "" where it is right.
+        """
+        first = next(iter(self.switches or ()), None)
+        if first is None or first.time <= time or not modes.size or modes[0] == first.before:
+            return ""
+        return f"it begins in mode {modes[0]} and not in mode {first.before}"
 
 
 def switches_of_samples(t: Array, modes: NDArray[np.intp]) -> tuple[Switch, ...]:
@@ -90,11 +102,14 @@ def beside_jumps(run: Trajectory, t: Array) -> NDArray[np.intp]:
 
 
 def seen_by_samples(switches: Sequence[Switch], step: float) -> tuple[Switch, ...]:
-    """The switches without stays that end within a step: no sample need be in them."""
+    """The switches without stays that end within a step: no sample need be in them.
+
+    One of a whole step has a sample, as at a gate that is logged for a single row.
+    """
     kept: list[Switch] = []
     for one in switches:
         last = kept[-1] if kept else None
-        if last is None or last.before == last.after or one.time - last.time > step:
+        if last is None or last.before == last.after or one.time - last.time > _WHOLE * step:
             kept.append(one)
             continue
         kept.pop()

@@ -340,7 +340,7 @@ class _RolledOut:
             channel=channels[channel],
             time=time,
             follows=time - float(t[0]),
-            cause=f"{transition} {what}" if what else "",
+            cause=f"{transition} {what}" if what else self.course.begins(self.modes[:1], time),
             ended=self.ended if np.isinf(self.left[first]).any() else "",
             mode=mode,
             transition=transition,

@@ -93,9 +93,10 @@ def told_in_modes(found: StayIdentification) -> StayIdentification:
     laws, samples = found.estimate.laws, Samples.of(found.estimate)
     features, coef = laws.features(samples.columns), laws.coef.copy()
     inside = np.diff(samples.modes, prepend=-1, append=-1) == 0  # as the sample before and after
-    untold = np.zeros(laws.free.shape, dtype=bool)
     if laws.region is not None:
         return found
+    before = laws.untold
+    untold = np.zeros(laws.free.shape, dtype=bool) if before is None else before.copy()
     for mode in laws.modes:
         rows = features[inside[:-1] & inside[1:] & (samples.modes == mode)]
         # stays of a sample or two, as of an impact, tell of no term that it is another one's
@@ -104,8 +105,8 @@ def told_in_modes(found: StayIdentification) -> StayIdentification:
             continue
         free = laws.free[mode].any(axis=1)
         coef[mode, free] = in_these(coef[mode][None], rows, own)[0, free]
-        untold[mode] = laws.free[mode] & ~own
-    if not untold.any():
+        untold[mode] |= laws.free[mode] & ~own
+    if not (untold & laws.free).any():
         return found
     found.model.coef_ = coef
     other = replace(laws, coef=coef, free=laws.free & ~untold, untold=untold)

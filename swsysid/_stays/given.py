@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from swsysid._checks.arrays import column, names_of, other_names, refuse_vanishing, table
 from swsysid._checks.parameters import shown
+from swsysid._data.levels import at_levels
 from swsysid._data.recordings import Hold, Record
 from swsysid._data.trajectories import (
     evened,
@@ -131,6 +132,11 @@ class Given:
             names = names[:count] + names[self.n_channels :]
         return replace(self, records=records, names=names, order=1)
 
+    @property
+    def at_levels(self) -> tuple[list[Array], list[int]]:
+        """Inputs of all recordings, those in levels but for noise without it, and which are so."""
+        return at_levels([(record.t, record.u) for record in self.records])
+
     def held(self, holds: Sequence[str]) -> Given:
         """The same with rows where inputs step that do so at rows."""
         lines = (Hold.LINE, Hold.BETWEEN)
@@ -140,9 +146,11 @@ class Given:
         """The same with rows where inputs step that keep their value."""
         if all(one is Hold.LINE for one in holds):
             return self
+        on_lines = np.array([one is Hold.LINE for one in holds])
         records, rows = [], []
-        for record, own in zip(self.records, self.rows, strict=True):
-            longer, places = record.stepped(holds)
+        for record, own, levels in zip(self.records, self.rows, self.at_levels[0], strict=True):
+            held = replace(record, u=np.where(on_lines, record.u, levels))
+            longer, places = held.stepped(holds)
             records.append(longer)
             rows.append(np.full(len(longer.t), -1))
             rows[-1][places] = own

@@ -35,10 +35,18 @@ from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 
 
-def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> Iterator[str]:
-    """What inputs do between two rows, in words; nothing of lines."""
-    n_steps = sum(0 if one.unknown is None else len(one.unknown) for one in given.records)
-    for name, hold in zip(names[-given.n_inputs :], holds, strict=False):
+def hold_sentences(
+    names: Sequence[str], holds: Sequence[str], given: Given, stepped: Given
+) -> Iterator[str]:
+    """What inputs do between two rows, in words; nothing of lines.
+
+    `given` are the recordings as they are, `stepped` those with rows where inputs step.
+    """
+    n_steps = sum(0 if one.unknown is None else len(one.unknown) for one in stepped.records)
+    names = names[-given.n_inputs :]
+    if any(hold != Hold.LINE for hold in holds):
+        yield from _level_sentences(names, holds, given)
+    for name, hold in zip(names, holds, strict=False):
         if hold in (Hold.ROW, Hold.NEXT):
             yield Hold(hold).sentence([name])
         if hold == Hold.BETWEEN:
@@ -46,6 +54,16 @@ def hold_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> 
                 f"{name} keeps its value and steps between two rows: "
                 f"{counted(n_steps, 'instant')} of its steps are estimated with the laws."
             )
+
+
+def _level_sentences(names: Sequence[str], holds: Sequence[str], given: Given) -> Iterator[str]:
+    """Inputs whose noise is left out."""
+    levels = np.vstack(given.at_levels[0])
+    noise = np.vstack([record.u for record in given.records]) - levels
+    for name, hold, own, left in zip(names, holds, levels.T, noise.T, strict=False):
+        if hold != Hold.LINE and left.any():
+            listed = ", ".join(f"{level:.3g}" for level in np.unique(own))
+            yield f"{name} has the levels {listed}; its noise of {left.std():.2g} is left out."
 
 
 def holds_of(
@@ -64,7 +82,10 @@ def holds_of(
     if input_hold != "auto":
         return told_holds(input_hold, given.n_inputs)
     lines = (Hold.LINE,) * given.n_inputs
-    channels = staircases([(record.t, record.u) for record in given.records])
+    inputs, in_levels = given.at_levels
+    pairs = [(record.t, u) for record, u in zip(given.records, inputs, strict=True)]
+    # what steps often is a command all the same where it has few levels
+    channels = dict.fromkeys(in_levels, (Hold.ROW,)) | staircases(pairs)
     if not channels:
         return lines
     with Search.quietly():

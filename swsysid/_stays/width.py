@@ -85,7 +85,8 @@ def _moved(reached: Reached, later: Array, together: float) -> Width | None:
     """What is told where instants are later; None where that cannot be."""
     nodes = reached.estimate.nodes
     moved = nodes.moved(nodes.instants + later)
-    if len(moved.instants) < len(later):
+    # a switch that enters the moment of a step, or leaves it, makes other unknowns
+    if (len(moved.at), len(moved.stepping)) != (len(nodes.at), len(nodes.stepping)):
         return None
     try:
         there = replace(reached, estimate=replace(reached.estimate, nodes=moved))

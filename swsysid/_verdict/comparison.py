@@ -67,6 +67,7 @@ class Rival:
 
     terms: Terms
     errors: Array
+    same: bool = False  # as the modes, which inputs of few values tell: it is no rival of them
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,14 @@ class Comparison:
 
     @property
     def best(self) -> Rival:
-        """The rival of the smallest error; of laws that hardly differ the one of fewest terms."""
-        sizes = [self._size(rival.errors) for rival in self.rivals]
+        """The rival of the smallest error; of laws that hardly differ the one of fewest terms.
+
+        One that is the same as the modes is no rival.
+        """
+        rivals = [rival for rival in self.rivals if not rival.same]
+        sizes = [self._size(rival.errors) for rival in rivals]
         enough = (1.0 + JUDGING.worth) * min(sizes)
-        return next(rival for rival, size in zip(self.rivals, sizes, strict=True) if size <= enough)
+        return next(rival for rival, size in zip(rivals, sizes, strict=True) if size <= enough)
 
     @property
     def improvement(self) -> float:

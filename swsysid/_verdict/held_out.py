@@ -166,6 +166,12 @@ class Cut:
         return np.vstack([record.y for record in self.records])[self.kept]
 
     @property
+    def columns(self) -> Array:
+        """States, roughly, and inputs at these, (n_samples, n_states + n_inputs)."""
+        inputs = np.vstack([record.u for record in self.records])
+        return np.hstack([np.vstack(self.guess), inputs])[self.kept]
+
+    @property
     def blocks(self) -> NDArray[np.intp]:
         """Stretch of each."""
         return self.stretches.blocks[self.kept]

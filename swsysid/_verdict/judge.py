@@ -21,6 +21,7 @@ from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._verdict.comparison import Comparison, Rival, Split, hold_out, relative_error
 from swsysid._verdict.held_out import Fit, HeldOut
+from swsysid._verdict.same import is_same
 from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import Terms
 from swsysid._verdict.verdict import SwitchingVerdict
@@ -102,7 +103,10 @@ class Judge(Generic[Fit]):
         judged = judged if judged.any() else np.ones(len(judged), dtype=bool)
         comparison = Comparison(
             errors=held_out.left_by(trained)[judged],
-            rivals=tuple(Rival(rival.terms, rival.errors[judged]) for rival in self.rivals),
+            rivals=tuple(
+                replace(rival, errors=rival.errors[judged], same=self._is_same(fit, rival))
+                for rival in self.rivals
+            ),
             spread=np.nanstd(cut.measured[judged], axis=0),
             n_switches=sum(map(len, fit.switch_times_)),
             constant=False,
@@ -114,6 +118,13 @@ class Judge(Generic[Fit]):
             seen=trained is fit,
         )
         return Judged(comparison, partial(held_out.free, trained))
+
+    def _is_same(self, fit: Fit, rival: Rival) -> bool:
+        """Whether the modes of a fit and a law of one mode are one model of what is held out."""
+        columns = self.held_out.cut.columns
+        if columns.shape[1] != self.held_out.n_columns:  # laws of samples before have more
+            return False
+        return is_same(rival.terms, self.terms, columns, fit.modes_[self.held_out.cut.rows])
 
     def is_smooth(self) -> bool:
         """Whether a law of one mode leaves nothing but noise of what is held out."""

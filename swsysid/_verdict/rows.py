@@ -17,6 +17,7 @@ from swsysid._data.trajectories import group_labels
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._verdict.comparison import Comparison, Rival, Split, count_switches, hold_out
+from swsysid._verdict.same import is_same
 from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import Terms
 from swsysid._verdict.verdict import SwitchingVerdict
@@ -77,9 +78,14 @@ def compared_rows(
     constant = bool(model.n_modes_ > 1 and (predicted == predicted[0]).all())
     laws = model.mode_velocities(rows.of(judged))
     told = Xdot[judged] - laws[model.modes_[judged], np.arange(judged.sum())]
+    columns = np.asarray(rows.of(judged), dtype=float)
+
+    def rival(each: Terms) -> Rival:
+        return Rival(each, errors(each, 1), is_same(each, terms, columns, predicted[judged]))
+
     return Comparison(
         errors=errors(terms, int(is_seen.sum())),
-        rivals=tuple(Rival(each, errors(each, 1)) for each in smooth),
+        rivals=tuple(map(rival, smooth)),
         spread=Xdot[judged, rows.n_known :].std(axis=0),
         n_switches=count_switches(predicted, rows.groups),
         constant=constant,

@@ -186,16 +186,31 @@ class SwitchingVerdict:
         )
 
     def _of_modes(self) -> str:
-        comparison, modes, words = self.comparison, self._compared, self.words
+        comparison = self.comparison
         law = f"one mode with {comparison.best.terms} terms"
         judged = "rates" if comparison.noise is None else "states"
         sure = f"error {change(comparison)}, {comparison.gain:.1f} standard errors over blocks"
         if comparison.improvement <= JUDGING.worth and self.memory:
             return self._of_memory()
-        other = "" if self.asked == "auto" else f"; or let the data say how many: {words.auto}"
+        auto = self.words.auto
+        other = "" if self.asked == "auto" else f"; or let the data say how many: {auto}"
         unsure = comparison.verdict in (Verdict.SMOOTH, Verdict.ONE_MODE)
         if unsure and comparison.lacks_something and self.stands:
             return self._of_surface(law, other)
+        return self._of_held_out(law, judged, sure, other) + self._of_same_laws()
+
+    def _of_same_laws(self) -> str:
+        """Laws of one mode that are the modes, and are no rivals."""
+        same = next((rival.terms for rival in self.comparison.rivals if rival.same), None)
+        if same is None:
+            return ""
+        return (
+            f" One mode with {same} terms is the same model, written as one law: the inputs tell "
+            "the modes by a few values that they have, and between these nothing is known."
+        )
+
+    def _of_held_out(self, law: str, judged: str, sure: str, other: str) -> str:
+        comparison, modes, words = self.comparison, self._compared, self.words
         return {
             Verdict.SWITCHES: (
                 "Switching predicts the held-out samples clearly better than one mode: than the "

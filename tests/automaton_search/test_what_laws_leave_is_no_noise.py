@@ -1,4 +1,4 @@
-"""Laws that lack something are judged by the noise that samples show, and not by what they leave."""
+"""Laws that lack something are judged by the noise that samples show."""
 
 import numpy as np
 import pytest

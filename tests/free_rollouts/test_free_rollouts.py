@@ -13,6 +13,7 @@ from swsysid._free_rollouts.courses import (
     Course,
     Pairs,
     Switch,
+    seen_by_samples,
     switches_of_rollout,
     switches_of_samples,
 )
@@ -267,3 +268,11 @@ def test_lone_switches_count_where_something_was_measured_on_both_sides(times, l
     alone = tuple(Switch(time, 0, 1) for time in (0.5, 1.5, 2.5))
     found = Pairs((), alone, alone).inside(np.array(times), 1.0)
     assert [one.time for one in found.missing] == [one.time for one in found.extra] == left
+
+
+def test_a_stay_of_a_whole_step_has_a_sample_and_is_seen_whatever_rounding_leaves_of_it():
+    exact = [Switch(0.1, 0, 1), Switch(0.2, 1, 0), Switch(0.3, 0, 1)]
+    late = [Switch(one.time + off, *one[1:]) for one, off in zip(exact, (1e-9, 0, 0), strict=True)]
+    for side in (exact, late):
+        assert len(seen_by_samples(side, 0.1)) == 3
+    assert seen_by_samples([*exact[:1], Switch(0.15, 1, 0), exact[2]], 0.1) == (exact[2],)

@@ -1,5 +1,7 @@
 """A logged gate that decides the mode: a threshold between its levels, instants of its steps."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -11,6 +13,15 @@ from swsysid import (
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
 )
+from swsysid._stays.certainty import told_in_modes
+from swsysid._stays.descent import Reached
+from swsysid._stays.given import read_given
+from swsysid._stays.identification import StayIdentification
+from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.nodes import Nodes
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.stays import Stays
 
 STEP, ROWS, RECORDINGS = 0.02, 300, 4
 CLOSED = np.array([[-0.2, -1.0], [1.0, -0.5]])  # and an input of 2 on the first state
@@ -69,10 +80,16 @@ def test_a_gate_that_decides_the_mode_does_so_between_its_levels(seed, levels, b
     assert found.report_.rollouts.holds
 
 
-def test_an_automaton_has_guards_between_the_levels_of_a_gate():
-    recordings, instants = converter(1, levels=(0.0, 5.0), noise=0.05)
+@pytest.mark.parametrize(
+    ("seed", "between", "noise"),
+    # as it is; with stays that noise hides from the laws; with steps between the rows
+    [(1, False, 0.05), (0, False, 0.1), (1, True, 0.01)],
+)
+def test_an_automaton_has_guards_between_the_levels_of_a_gate(seed, between, noise):
+    recordings, instants = converter(seed, levels=(0.0, 5.0), noise=noise, between=between)
     found = HybridAutomatonRegressor("auto", random_state=0).fit(recordings)
-    assert found.n_modes_ == 2 and found.input_holds_ == ("zero",)
+    assert found.n_modes_ == 2
+    assert found.input_holds_ == (("between",) if between else ("zero",))
     for one in found.automaton_.transitions:  # states, gate, dwell, time
         low, high = ([[x, -x, 2.5 + side, 1.0, 1.0] for x in (0.0, 3.0)] for side in (-0.01, 0.01))
         below, above = (one.guard.values(np.array(rows)) for rows in (low, high))
@@ -82,7 +99,9 @@ def test_an_automaton_has_guards_between_the_levels_of_a_gate():
     # eight coefficients within four standard errors, of which chance leaves one in 2,000
     assert (np.abs(laws - [CLOSED, OPEN]) < 4.0 * errors).all()
     for own, true in zip(found.switch_times_, instants, strict=True):
-        assert own == pytest.approx(true, abs=0.05 * STEP)  # refined as instants like any others
+        # refined as instants like any others; between rows to what noise leaves of a step
+        assert own == pytest.approx(true, abs=(0.75 if between else 0.05) * STEP)
+    assert np.isinf(found.coef_errors_[order][1, :, 3]).all()  # a gate at zero tells no gain
     assert found.report_.rollouts.holds and found.report_.rollouts.tells_switches
 
 
@@ -106,3 +125,49 @@ def test_a_mode_of_which_no_sample_has_both_neighbours_is_no_error():
     regressor = SwitchingSystemRegressor(2, feature_library=1, random_state=0)
     found = TrajectoryIdentifier(regressor).fit(x, t)
     assert not found.report_.rollouts.holds
+
+
+def test_a_law_with_products_of_the_gate_is_no_rival_of_the_modes_that_it_tells():
+    recordings, _ = converter(0)
+    asked = SwitchingSystemRegressor(feature_library=1, random_state=0)
+    told = TrajectoryIdentifier(asked).fit(recordings).verdict_
+    # (1 - g) f0 + g f1 is a law of degree two: as good, and no proof against the modes
+    assert told.trusted and told.best_law != "quadratic"
+    assert told.errors_of_laws["quadratic"] == pytest.approx(told.errors, rel=0.1)
+    assert "One mode with quadratic terms is the same model" in told.sentence
+
+
+def test_the_noise_of_a_gate_on_an_analog_channel_is_left_out():
+    recordings, instants = converter(0, levels=(0.02, 4.98), noise=0.02)
+    rng = np.random.default_rng(7)
+    for one in recordings:
+        one["inputs"] = one["inputs"] + 0.05 * rng.standard_normal((ROWS, 1))
+    asked = SwitchingSystemRegressor(feature_library=1, random_state=0)
+    found = TrajectoryIdentifier(asked).fit(recordings)
+    assert found.input_holds_ == ("zero",)
+    constant, *others = found.estimator_.surface_.coef_[0]
+    # levels are means of some 500 values with noise of 0.05
+    assert -constant / others[2] == pytest.approx(2.5, abs=0.01)
+    for own, true in zip(found.switch_times_, instants, strict=True):
+        assert own == pytest.approx(true, abs=1e-9)
+    order = np.argsort(found.coef_[:, 1, 1])
+    laws, errors = found.coef_[order][:, :, 1:3], found.coef_errors_[order][:, :, 1:3]
+    assert (np.abs(laws - [CLOSED, OPEN]) < 4.0 * errors).all()
+    assert np.isinf(found.coef_errors_[:, :, 3]).all()
+    assert re.search(r"x2 has the levels \S+, 4.98; its noise of 0.0\d+ is", str(found.report_))
+    assert found.verdict_.trusted
+
+
+def test_a_mode_of_single_samples_has_no_terms_that_they_do_not_tell():
+    rng, t = np.random.default_rng(0), 0.1 * np.arange(9.0)
+    given = read_given(rng.standard_normal((9, 1)), t, None, rng.standard_normal((9, 1)))
+    recordings = Recordings.of(given.records)
+    nodes = Nodes(recordings, [Stays(np.array([0, 1, 0]), np.array([0.35, 0.45]))])
+    coef = rng.standard_normal((2, 1, 3))
+    laws = Laws(
+        coef, lambda X: np.column_stack([np.ones(len(X)), X]), np.ones(1), np.ones_like(coef) > 0.0
+    )
+    estimate = Estimate(laws, nodes, recordings.in_a_row(recordings.guess))
+    reached = Reached(estimate, Objective(np.full(1, 0.05), 0.4), 0.0)
+    found = StayIdentification(SwitchingSystemRegressor(), reached, (), 0.0)
+    assert told_in_modes(found) is found
