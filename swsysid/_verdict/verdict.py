@@ -160,9 +160,10 @@ class SwitchingVerdict:
                 "the model has one mode, and no smooth law with more terms is better."
             )
         lower = 1.0 - 1.0 / (1.0 - comparison.improvement)  # the best law's error, than the model's
-        return (
-            f"No switching: the model has one mode. With {best.terms} terms its held-out error is "
-            f"{100 * lower:.1f} % lower{self._advice()}."
+        advice = "" if comparison.lacks_something else self._advice()
+        return self._no_switching(
+            f"the model has one mode. With {best.terms} terms its held-out error is "
+            f"{100 * lower:.1f} % lower{advice}."
         )
 
     @property
@@ -176,12 +177,13 @@ class SwitchingVerdict:
         return counted(self._n_compared, "mode")
 
     def _no_switching(self, told: str) -> str:
-        """What is `told` of one mode; where one was not asked for, it proves that by its noise."""
-        if self.asked != "auto" or not self.comparison.lacks_something:
+        """What is `told` of one mode, which proves that nothing switches by leaving noise alone."""
+        if not self.comparison.lacks_something:
             return f"No switching: {told}"
+        where = " of the other samples" if self.comparison.noise_alone else ""
         return (
-            f"Whether it switches is not shown: {told} It leaves more than noise: try another "
-            f"library{self._if_memory(', or, ')}."
+            f"Whether it switches is not shown: {told} That law leaves more than noise{where}: try "
+            f"another library{self._if_memory(', or, ')}."
         )
 
     def _of_modes(self) -> str:
