@@ -49,19 +49,22 @@ class HeldOutAutomata(HeldOut[OfGuards]):
         super().__init__(given, split, fits)
         self.n_columns = len(found.automaton_.feature_map.names_in)
         if laws is not None:
-            self.laws, self.cut, self.noise = laws, laws.cut, laws.noise
+            self.laws, self.noise = laws, laws.noise
+            self.cut, self.made_from = laws.cut, laws.made_from
             return
         spread = np.nanstd(np.vstack([record.y for record in given.records]), axis=0)
         self.noise = np.maximum(found.noise_, JUDGING.integrated * spread)
-        self.laws, self.cut = self, Cut.of(given, [one.filled for one in given.records], split)
+        guess = [one.filled for one in given.records]
+        self.laws = self
+        self.cut, self.made_from = Cut.of(given, guess, split), Cut.of(given, guess, split.swapped)
 
     def _options(self, terms: Terms, is_rival: bool) -> dict[str, object]:
         known: dict[str, object] = {"known": None} if is_rival else {}
         return known | {"feature_library": terms.library(self.n_columns)}
 
-    def left_by(self, fit: OfGuards) -> Array:
+    def left_by(self, fit: OfGuards, cut: Cut) -> Array:
         """What rollouts over the stretches leave; where one ends early, what the mean leaves."""
-        cut, automaton = self.cut, fit.automaton_
+        automaton = fit.automaton_
         left = np.vstack([left_by_rollout(automaton, part) for part in cut.stretches.parts])
         of_mean = cut.measured - np.nanmean(cut.measured, axis=0)
         return np.where(np.isfinite(left[cut.kept]), left[cut.kept], of_mean)

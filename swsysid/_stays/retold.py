@@ -126,9 +126,22 @@ def _values(
 def _reached(
     first: Estimate, noise: Array, settings: StaySettings, tie: tuple[float, int]
 ) -> tuple[Estimate, Array]:
-    """The estimate of highest likelihood, and what each recording adds to its value."""
+    """The estimate of highest likelihood, and what each recording adds to its value.
+
+    A step is taken or not for all recordings at once, by the sum of what they leave: where one is
+    hopeless it may raise what another left. Of each the better of its start and its end is kept.
+    """
     reached = most_likely(first, noise, replace(settings, ties=(tie,)))
-    return reached.estimate, reached.objective.by_recording(reached.estimate)
+    begun, ended = (reached.objective.by_recording(one) for one in (first, reached.estimate))
+    better = ended <= begun
+    if better.all():
+        return reached.estimate, ended
+    guess = np.where(better[:, None], states_of(reached.estimate), states_of(first))
+    recordings = first.nodes.recordings.with_guess(guess)
+    both = zip(first.nodes.stays, reached.estimate.nodes.stays, better, strict=True)
+    stays = [end if is_better else begin for begin, end, is_better in both]
+    kept = replace(first, nodes=Nodes(recordings, stays), states=recordings.in_a_row(guess))
+    return kept, np.where(better, ended, begun)
 
 
 def _some(estimate: Estimate, kept: Rows) -> Estimate:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._tables.units import SECONDS, is_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # Words for a missing value; compared without regard to case.
 MISSING = frozenset(
@@ -31,7 +36,13 @@ _NUMBER = {
 _MINUTES = r"\d{1,2}:\d\d[.,]\d+"  # minutes and seconds, as spreadsheets show short times
 _TIME = r"\d{1,2}:\d\d(?::\d\d(?:[.,]\d+)?)?(?:\s?[AaPp][Mm])?\s?(?:Z|UTC|[+-]\d\d:?\d\d)?"
 _DATE = r"(?:\d{4}(?P<y>[-/.])\d{1,2}(?P=y)\d{1,2}|\d{1,2}(?P<d>[-/.])\d{1,2}(?P=d)\d{4})"
-_CLOCK = re.compile(rf"{_TIME}|{_MINUTES}|{_DATE}(?:(?:T|\s){_TIME})?")
+# With the month as a word; the year may stand behind the time, as C and Unix write it.
+_MONTH = r"(?:jan|feb|mar|apr|may|june?|july?|aug|sept?|oct|nov|dec)[a-z]*"
+_NAMED = (
+    rf"(?i:(?:(?:mon|tue|wed|thu|fri|sat|sun)[a-z]*,?\s+)?(?:\d{{1,2}}(?P<n>[-/. ]){_MONTH}(?P=n)"
+    rf"(?:\d{{4}}|\d\d)|{_MONTH}\s+\d{{1,2}},?\s+(?:{_TIME}\s+)?\d{{4}}))"
+)
+_CLOCK = re.compile(rf"{_TIME}|{_MINUTES}|(?:{_DATE}|{_NAMED})(?:(?:T|\s){_TIME})?")
 # A number with its unit, such as "0.01 sec"; a time that passed, as ISO 8601 and pandas have it.
 _QUANTITY = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\W\d_].*|[°%Ω].*)")
 _PASSED = re.compile(
@@ -71,6 +82,8 @@ def is_clock(cell: str) -> bool:
     Examples
     --------
     >>> [is_clock(cell) for cell in ("2024-05-01T10:00:00.5+02:00", "10:00:01,25", "10.5")]
+    [True, True, False]
+    >>> [is_clock(cell) for cell in ("Dec 02 2018 15:51:15", "02-Dec-2018", "May be 5")]
     [True, True, False]
     """
     return _CLOCK.fullmatch(cell.strip()) is not None
@@ -199,7 +212,7 @@ def _seconds(clock: list[str]) -> tuple[NDArray[np.float64], float]:
     """Seconds since the first entry, and that; dates of mixed time zones are compared in UTC."""
     import pandas as pd
 
-    cells = [text.replace(",", ".").replace("/", "-") for text in clock]
+    cells = [re.sub(r",(?=\d)", ".", text).replace("/", "-") for text in clock]
     if re.fullmatch(r"[\d:.]+", "".join(cells)) and cells[0].find(":") in (1, 2):
         is_short = all(map(re.compile(_MINUTES).fullmatch, cells))
         full = [f"0:{text}" if is_short else text for text in cells]
@@ -211,8 +224,21 @@ def _seconds(clock: list[str]) -> tuple[NDArray[np.float64], float]:
     try:
         times = pd.to_datetime(cells, format="ISO8601", utc=True)
     except ValueError:
-        # Dots put the day first; so does a first number above twelve.
-        first = [int(re.split(r"\D", text, maxsplit=1)[0]) for text in clock]
-        day_first = "." in clock[0][:3] or max(first) > 12
-        times = pd.to_datetime(cells, format="mixed", utc=True, dayfirst=day_first)
+        # Dots put the day first, and so does a first number above twelve; a year, or a word, none.
+        first = [re.match(r"\d\d?(?!\d)", text) for text in clock]
+        highest = max((int(number.group()) for number in first if number), default=0)
+        day_first = None not in first and ("." in clock[0][:3] or highest > 12)
+        times = _dates(cells, day_first)
     return (times - times[0]).total_seconds().to_numpy(dtype=float), times[0].timestamp()
+
+
+def _dates(cells: list[str], day_first: bool) -> pd.DatetimeIndex:
+    """Dates of the form of the first one, or each of its own, which takes much longer."""
+    import pandas as pd
+    from pandas.tseries.api import guess_datetime_format
+
+    form = guess_datetime_format(cells[0], dayfirst=day_first)
+    if form is not None:
+        with suppress(ValueError):
+            return pd.to_datetime(cells, format=form, utc=True)
+    return pd.to_datetime(cells, format="mixed", utc=True, dayfirst=day_first)

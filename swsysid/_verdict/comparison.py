@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -26,6 +26,11 @@ class Split:
     def train(self) -> NDArray[np.bool_]:
         """Rows to train on."""
         return ~self.test
+
+    @property
+    def swapped(self) -> Split:
+        """Rows to train on in place of those to test on."""
+        return replace(self, test=self.train)
 
 
 def hold_out(groups: NDArray, fraction: float, random_state: int) -> Split:
@@ -95,6 +100,9 @@ class Comparison:
     # Whether the model of all recordings leaves nothing but noise where switches are told, and
     # predicts better than the best rival what is held out, which it has seen.
     explains: bool = False
+    # Whether the best rival leaves nothing but noise of the samples it was made from: at rest,
+    # or too short, what is held out is left alone by laws of anything.
+    law_stands: bool = True
 
     @property
     def unit(self) -> Array:
@@ -158,8 +166,12 @@ class Comparison:
     @property
     def lacks_something(self) -> bool:
         """True if no law of one mode leaves nothing but noise of measured states."""
-        noise_alone = self._size(self.best.errors) <= JUDGING.noise_alone
-        return self.noise is not None and not noise_alone
+        return self.noise is not None and not (self.noise_alone and self.law_stands)
+
+    @property
+    def noise_alone(self) -> bool:
+        """True if a law of one mode leaves nothing but noise of what is held out."""
+        return self.noise is not None and self._size(self.best.errors) <= JUDGING.noise_alone
 
     @property
     def verdict(self) -> Verdict:

@@ -185,6 +185,7 @@ class HeldOut(ABC, Generic[Fit]):
     """Fits to some of the recordings, and what rollouts along the others leave of them."""
 
     cut: Cut
+    made_from: Cut  # the others, in stretches of as many samples at first
     noise: Array  # (n_channels,)
     n_columns: int  # of states and inputs in a law
     laws: HeldOut  # the same of smooth laws of one mode
@@ -227,8 +228,8 @@ class HeldOut(ABC, Generic[Fit]):
         return longer is not None
 
     @abstractmethod
-    def left_by(self, fit: Fit) -> Array:
-        """What rollouts over the stretches leave of all their samples."""
+    def left_by(self, fit: Fit, cut: Cut) -> Array:
+        """What rollouts over the stretches of a cut leave of all their samples."""
 
     @abstractmethod
     def free(self, fit: Fit) -> FreeRollouts | None:
@@ -282,12 +283,11 @@ class HeldOutTrajectories(HeldOut[OfSurface]):
         spread = recordings.joined(recordings.guess).std(axis=0)[: given.n_channels]
         self.noise = np.maximum(base.noise[: given.n_channels], JUDGING.integrated * spread)
         guess = [recordings.guess[own, k] for k, own in enumerate(recordings.sampled)]
-        self.cut = Cut.of(given, guess, split)
+        self.cut, self.made_from = Cut.of(given, guess, split), Cut.of(given, guess, split.swapped)
 
-    def left_by(self, fit: OfSurface) -> Array:
-        """What rollouts over the stretches leave of all their samples."""
-        system = fit.estimator_.switching_model
-        return self.cut.stretches.left_by(system, self.noise)[self.cut.kept]
+    def left_by(self, fit: OfSurface, cut: Cut) -> Array:
+        """What rollouts over the stretches of a cut leave of all their samples."""
+        return cut.stretches.left_by(fit.estimator_.switching_model, self.noise)[cut.kept]
 
     def free(self, fit: OfSurface) -> FreeRollouts | None:
         """What free rollouts of a fit leave of the held-out recordings."""

@@ -78,7 +78,7 @@ class Judge(Generic[Fit]):
             blocks=cut.blocks,
             stretch=cut.length,
         )
-        return self.of_law(comparison, self.terms)
+        return self.of_law(self._with_law(comparison), self.terms)
 
     def of_law(self, comparison: Comparison, terms: Terms) -> Judged:
         """A smooth law is the answer."""
@@ -102,7 +102,7 @@ class Judge(Generic[Fit]):
         judged = cut.whole(is_seen[fit.modes_[cut.rows]])
         judged = judged if judged.any() else np.ones(len(judged), dtype=bool)
         comparison = Comparison(
-            errors=held_out.left_by(trained)[judged],
+            errors=held_out.left_by(trained, cut)[judged],
             rivals=tuple(
                 replace(rival, errors=rival.errors[judged], same=self._is_same(fit, rival))
                 for rival in self.rivals
@@ -117,7 +117,7 @@ class Judge(Generic[Fit]):
             stretch=cut.length,
             seen=trained is fit,
         )
-        return Judged(comparison, partial(held_out.free, trained))
+        return Judged(self._with_law(comparison), partial(held_out.free, trained))
 
     def _is_same(self, fit: Fit, rival: Rival) -> bool:
         """Whether the modes of a fit and a law of one mode are one model of what is held out."""
@@ -162,8 +162,17 @@ class Judge(Generic[Fit]):
         )
 
     def _rivals(self) -> tuple[Rival, ...]:
-        left_by = self.held_out.laws.left_by
-        return tuple(Rival(each, left_by(one)) for each, one in self.laws.items())
+        laws, cut = self.held_out.laws, self.held_out.cut
+        return tuple(Rival(each, laws.left_by(one, cut)) for each, one in self.laws.items())
+
+    def _with_law(self, comparison: Comparison) -> Comparison:
+        """With what the best law leaves of the samples it was made from, if no more than noise."""
+        if not comparison.noise_alone:
+            return comparison
+        held_out, law = self.held_out, self.laws[comparison.best.terms]
+        seen = replace(held_out.made_from, length=held_out.cut.length)
+        left = relative_error(held_out.laws.left_by(law, seen), held_out.noise)
+        return replace(comparison, law_stands=left <= JUDGING.noise_alone)
 
     def _is_seen(self, fit: Fit) -> NDArray[np.bool_]:
         """Modes that the training recordings have."""

@@ -160,9 +160,10 @@ class SwitchingVerdict:
                 "the model has one mode, and no smooth law with more terms is better."
             )
         lower = 1.0 - 1.0 / (1.0 - comparison.improvement)  # the best law's error, than the model's
+        advice = "" if self._lacks_something else self._advice()
         return self._no_switching(
             f"the model has one mode. With {best.terms} terms its held-out error is "
-            f"{100 * lower:.1f} % lower{self._advice()}."
+            f"{100 * lower:.1f} % lower{advice}."
         )
 
     @property
@@ -175,14 +176,20 @@ class SwitchingVerdict:
     def _compared(self) -> str:
         return counted(self._n_compared, "mode")
 
-    def _no_switching(self, told: str) -> str:
-        """What is `told` of one mode; where one was not asked for, it proves that by its noise."""
+    @property
+    def _lacks_something(self) -> bool:
+        """Whether no law of one mode leaves nothing but noise, or the model's rollouts refute it."""
         strays = self.free is not None and not (self.free.holds or self.free.hangs_on_start)
-        if self.asked != "auto" or not (strays or self.comparison.lacks_something):
+        return strays or self.comparison.lacks_something
+
+    def _no_switching(self, told: str) -> str:
+        """What is `told` of one mode, which proves that nothing switches by leaving noise alone."""
+        if not self._lacks_something:
             return f"No switching: {told}"
+        where = " of the other samples" if self.comparison.noise_alone else ""
         return (
-            f"Whether it switches is not shown: {told} It leaves more than noise: try another "
-            f"library{self._if_memory(', or, ')}."
+            f"Whether it switches is not shown: {told} That law leaves more than noise{where}: try "
+            f"another library{self._if_memory(', or, ')}."
         )
 
     def _of_modes(self) -> str:

@@ -87,6 +87,24 @@ def test_trials_that_loose_ties_refute_would_not_have_been_taken(tooth):
     np.testing.assert_array_equal(told[0].instants, told[1].instants)
 
 
+def test_a_trial_that_the_sum_of_all_made_worse_begins_again(tooth, monkeypatch):
+    """Trials descend side by side, by their sum: what was near may end far off.
+
+    Here every one does; none was left then, and the search ended in an empty sequence.
+    """
+
+    def spoilt(estimate, noise, settings):
+        reached = most_likely(estimate, noise, settings)
+        states = reached.estimate.states + 1e3
+        return replace(reached, estimate=replace(reached.estimate, states=states))
+
+    monkeypatch.setattr("swsysid._stays.retold.most_likely", spoilt)
+    rises, falls = np.argsort(-tooth.estimate.laws.coef[:, 0, 0])
+    visited = with_stays(tooth, [rises, falls, rises, falls, rises], [4.03, 4.21, 10.0, 18.0])
+    told = retold(visited, tooth.reached.noise, SETTINGS, np.full((2, 2), PRICE))
+    assert told.nodes.stays[0].modes.tolist() == [rises, falls, rises]
+
+
 def test_a_rare_switch_surprises_more():
     stays = [Stays(np.array([0, 1, 0, 1, 0, 2, 0]), np.arange(1.0, 7.0))]
     surprise = surprise_of_switches(stays)

@@ -56,6 +56,31 @@ def test_durations_are_seconds(cells, seconds):
     assert unit == "s"
 
 
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ["Dec 02 2018 23:59:00", "Dec 03 2018 00:00:00.5"],  # a fermenter's controller
+        ["Sun Dec  2 23:59:00 2018", "Mon Dec  3 00:00:00.5 2018"],  # ctime of C
+        ["Sun Dec  2 23:59:00 UTC 2018", "Mon Dec  3 00:00:00.5 UTC 2018"],  # date of Unix
+        ["Sun, 02 Dec 2018 23:59:00 +0000", "Mon, 03 Dec 2018 01:00:00.5 +0100"],  # of mails
+        ["02-Dec-2018 23:59:00", "03-Dec-2018 00:00:00,5"],  # datestr of MATLAB
+        ["02-Dec-18 11:59:00 PM", "03-Dec-18 00:00:00.5"],
+        ["Dec 2, 2018 23:59:00", "December 3, 2018 00:00:00.5"],
+        ["2018/12/2 23:59", "2018/12/3 00:00:00.5"],  # spreadsheets, where the year leads
+    ],
+)
+def test_dates_with_a_word_or_a_year_that_leads_are_those_days(cells):
+    values, unit, start = column_of(cells)
+    np.testing.assert_allclose(values, [0.0, 60.5], rtol=0.0, atol=1e-9)
+    assert unit == "s"
+    assert start == pytest.approx(1543795140.0, abs=1e-6)  # 2 December 2018, 23:59
+
+
+def test_words_with_numbers_are_no_dates():
+    cells = ["March 5", "Mar 5 2", "decay 2 2018"]
+    assert column_of(cells)[0].tolist() == cells
+
+
 def test_a_file_of_quantities_has_their_units(tmp_path):
     rows = [f"{0.5 * k:g} sec,{k} mV,run {k}" for k in range(9)]
     found = table(tmp_path, ["t,u,label", *rows])

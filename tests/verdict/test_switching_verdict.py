@@ -131,6 +131,38 @@ def test_modes_of_a_smooth_law_are_not_trusted():
     assert advised.verdict_.trusted and advised.verdict_.sentence.startswith("No switching")
 
 
+@pytest.fixture(scope="module")
+def tank():
+    """A tank at rest until 5, filled until 10, drained from then on; all but empty from 40 on."""
+    t = np.arange(0.0, 100.0, 0.2)
+    level = np.where(t < 10.0, 8.0 * np.maximum(t - 5.0, 0.0), 40.0 * np.exp((10.0 - t) / 8.0))
+    return [{"t": t, "x": run} for run in noisy([level], 0.1)]
+
+
+def test_a_law_of_what_stands_still_is_no_rival(tank):
+    """The held-out end is empty: a quadratic law leaves noise there, and far more before.
+
+    It was called as good as the modes, and advised.
+    """
+    found = identifier().fit(tank)
+    verdict = found.verdict_
+    assert found.n_modes_ == 2 and verdict.stands
+    best = verdict.errors_of_laws[verdict.best_law]
+    # the deviation of 150 samples varies by 6 %
+    assert best == pytest.approx([0.1], rel=0.2) and verdict.comparison.noise_alone
+    assert verdict.comparison.lacks_something
+    told = "leave nothing but noise, which no smooth law that was tried does"
+    assert told in verdict.sentence and "ask for that law" not in verdict.sentence
+
+
+def test_one_mode_proves_itself_by_what_it_was_made_from(tank):
+    verdict = identifier(n_modes=1).fit(tank).verdict_
+    assert not verdict.trusted and verdict.comparison.lacks_something
+    assert verdict.sentence.startswith("Whether it switches is not shown: the model has one mode")
+    assert "more than noise of the other samples" in verdict.sentence
+    assert "ask for that law" not in verdict.sentence
+
+
 def test_units_change_nothing(contact):
     frame, t, run = rows_of_contact(6)
     scaled = identifier().fit(frame * [1e3, 1e-3], t, run).verdict_
