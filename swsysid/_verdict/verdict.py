@@ -178,7 +178,7 @@ class SwitchingVerdict:
 
     @property
     def _lacks_something(self) -> bool:
-        """Whether no law of one mode leaves nothing but noise, or the model's rollouts refute it."""
+        """Whether no law of one mode leaves noise alone, or free rollouts refute the model."""
         strays = self.free is not None and not (self.free.holds or self.free.hangs_on_start)
         return strays or self.comparison.lacks_something
 
