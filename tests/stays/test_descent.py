@@ -113,3 +113,11 @@ def test_a_promise_too_small_ends_it_but_not_amid_steps_that_are_followed():
 @pytest.mark.parametrize(("promise", "end"), [(4.9, 0), (5.1, 1)])
 def test_a_tenth_of_what_is_missing_is_asked_of_a_promise(promise, end):
     assert walked([100.0, 80.0, 80.0], [promise, 0.0, 0.0], enough=50.0)[0] == end
+
+
+def test_once_a_step_is_taken_a_trifle_of_what_is_left_may_stay():
+    values, promises = [1000.0, 100.0, 99.1, 90.0], [5.0, 0.9, 9.0, 0.0]
+    # five are less than a hundredth of 1000, and the first step is taken all the same
+    assert walked(values, promises, trifle=0.01)[0] == 1
+    assert walked(values, promises)[0] == 3
+    assert walked([100.0, 90.0, 89.5, 0.0], [9.0, 9.0, 9.0], trifle=0.01)[0] == 2  # gained less
