@@ -194,7 +194,7 @@ def _followed(
     tenth of what is missing to be `enough`; once a step has been taken, a share of the value.
     A step of nodes that are tied tightly may miss by the curvature of a flow what the next one
     mends: a few are followed before they are judged (the watchdog of Chamberlain et al., 1982).
-    The best is said with its equations, and whether that is the end.
+    The best is said with its equations, and false if steps have failed too often.
     """
     damping, taken, failed, followed = settings.damping, 0, 0, 0
     most = settings.most_followed
@@ -220,4 +220,4 @@ def _followed(
         else:
             now, failed, followed = best, failed + 1, 0
             damping *= settings.rise
-    return best, False
+    return best, failed < settings.most_failures

@@ -1,7 +1,5 @@
 """From where a nearly equal law has led nodes are not let go again, unless that gets stuck."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,6 @@ from swsysid._output_error import estimate
 from swsysid._output_error.estimate import fitted
 from swsysid._output_error.law import Law
 from swsysid._output_error.stretches import Stretches
-from swsysid._stays.descent import straight_to
 from swsysid._stays.lifted import Objective
 from swsysid.effects import PlacedEffect, QuadraticDrag
 
@@ -64,16 +61,6 @@ def test_it_ends_where_nodes_that_are_let_go_end_in_fewer_turns(swings, monkeypa
     errors = np.sqrt(np.diag(let_go.reached.covariance.of_laws))
     gaps = np.abs(near.law.coef - let_go.law.coef)[let_go.law.free]
     assert (gaps < 0.5 * errors).all()
-
-
-def test_what_gets_stuck_is_no_end(swings):
-    stretches, fit = swings
-    reached = fit.reached
-    settings = replace(estimate.STAYS.roughly(), ties=((reached.objective.tie, 20),))
-    here = straight_to(reached.estimate, reached.objective, settings)
-    assert here is not None and here.value <= reached.value
-    far = replace(reached.estimate, states=100.0 * reached.estimate.states[::-1])
-    assert straight_to(far, reached.objective, replace(settings, ties=((0.1, 1),))) is None
 
 
 def test_the_last_turns_of_a_fit_leave_no_trifle(swings):
