@@ -162,9 +162,7 @@ class RecordedOutcome:
         """All samples."""
         own = self.search.stretches
         asked = "every", own.disturbance
-        return self.search.known(
-            own.parts, asked, lambda: own.of_rows(np.arange(len(own.records)))
-        )
+        return self.search.known(own.parts, asked, lambda: own.of_rows(np.arange(len(own.records))))
 
     def refitted(self, law: Law) -> Fit:
         """A law fitted to all samples, wherever its coefficients begin."""
