@@ -161,11 +161,14 @@ class RecordedOutcome:
     def every(self) -> Stretches:
         """All samples."""
         own = self.search.stretches
-        return own.of_rows(np.arange(len(own.records)))
+        asked = "every", own.disturbance
+        return self.search.known(own.parts, asked, lambda: own.of_rows(np.arange(len(own.records))))
 
     def refitted(self, law: Law) -> Fit:
-        """A law fitted to all samples."""
-        return self.search.engine.fitted(law, self.every)
+        """A law fitted to all samples, wherever its coefficients begin."""
+        own, engine = self.search.stretches, self.search.engine
+        asked = own.disturbance, *law.terms
+        return self.search.known(own.parts, asked, lambda: engine.fitted(law, self.every))
 
     def left_of(self, fit: Fit, stretches: Stretches) -> Array:
         """Errors of free rollouts, or of the quantity that a law gives, (n_states,)."""

@@ -145,13 +145,15 @@ def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
     outcome = _sound(begun, search.run(law), strict)
     if strict:
         return outcome
-    further = _with_events(outcome, significance)
-    search, has_happened = outcome.search, len(further.findings) > len(outcome.findings)
-    if has_happened:
-        # laws had bent to what happened: beside it shows what else there is, refuted before or not
+    further, search = _with_events(outcome, significance), outcome.search
+    more = further.models[len(outcome.models) :]
+    # laws had bent to what happened: beside it shows what else there is, refuted before or not
+    is_other = bool(more) and bool(search.refuted)
+    is_other |= any(fit.law.acts_in(search.stretches) for fit in more)
+    if more:
         search = replace(search, refuted=(), significance=significance / 2.0)
     models = tuple(search.model(fit) for fit in further.models)
-    if has_happened:
+    if is_other:
         done = Searched(search, models, further.findings).went_on()
     else:
         done = Searched(search, models, further.findings, outcome.unsure)
@@ -311,4 +313,5 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
         sought[state] = False
         known[state] = 0.0
         known[state, feature] = column @ features[:, feature] / np.sum(features[:, feature] ** 2)
-    return Law.of(library, sought, known), moved
+    powers = laws.feature_map.powers if np.array_equal(laws.seen(X), X) else None
+    return Law.of(library, sought, known, powers), moved

@@ -27,6 +27,7 @@ fitted model.
 In reading order: `stretches` are the parts of recordings that are compared with a law, `law` the
 declared law with effects in it, `estimate` its coefficients, `scan` the score test over candidates,
 `breaks` what a law does where an effect jumps, `engines` what a search asks of either, and the
-regression of a quantity, `values` the nonlinear parameters of effects, `criterion`
-the comparison of two models, `search` the rounds. `settings` has the numbers.
+regression of a quantity, `values` the nonlinear parameters of effects, `criterion` the comparison
+of two models, `unseen` the folds of which it is made, `search` the rounds. `settings` has the
+numbers.
 """

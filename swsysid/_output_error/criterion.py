@@ -73,15 +73,32 @@ class Fall:
 
 def fall(before: Left, after: Left) -> Fall:
     """From one model to another, each state by what the first leaves of it in the mean."""
-    sizes = _mean_squares(before.samples)
+    sizes, tiny = _mean_squares(before.samples), np.finfo(float).tiny
     squares = [_capped(one.samples, sizes) for one in (before, after)]
-    change = np.nan_to_num(np.nanmean(squares[0] - squares[1], axis=1))
-    blocks = np.array([part.mean() for part in np.array_split(change, SETTINGS.blocks)])
-    tiny = np.finfo(float).tiny
+    change, blocks = _changes(*squares)
     count = max(1.0, len(change) / max(before.memory, after.memory))
     own = [np.maximum(np.nanmean(one, axis=0), tiny) for one in squares]
     nats = 0.5 * count * np.log(own[0] / own[1]).sum() - 0.5 * len(sizes) * np.log(count)
-    return Fall(blocks / max(float(np.nanmean(squares[0])), tiny), float(nats), count)
+    return Fall(blocks, float(nats), count)
+
+
+def most_share(before: Left, samples: Array) -> float:
+    """Share of the squares that a model takes away at most, if it leaves these of the first ones.
+
+    It leaves nothing of the others then.
+    """
+    sizes = _mean_squares(before.samples)
+    squares = _capped(before.samples, sizes)
+    left = np.zeros_like(squares)
+    left[: len(samples)] = _capped(samples, sizes)
+    return float(_changes(squares, left)[1].mean())
+
+
+def _changes(before: Array, after: Array) -> tuple[Array, Array]:
+    """Of the squares of each sample, and in blocks in units of the mean before."""
+    change = np.nan_to_num(np.nanmean(before - after, axis=1))
+    blocks = np.array([part.mean() for part in np.array_split(change, SETTINGS.blocks)])
+    return change, blocks / max(float(np.nanmean(before)), np.finfo(float).tiny)
 
 
 def price(n_parameters: int, count: float) -> float:

@@ -15,6 +15,7 @@ from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid._stays.laws import Bound, Laws, Shape
 from swsysid._stays.nodes import Rows
+from swsysid._stays.polynomial_laws import Powers, laws_of_monomials
 from swsysid.effects import Effect, PlacedEffect, RateEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import shaped
@@ -39,6 +40,8 @@ class Law:
         The others, such as that of x' = v.
     terms : tuple of PlacedEffect
     coef : ndarray of shape (n_states, n_features + n_columns)
+    powers : ndarray of shape (n_features, n_states + n_inputs) or None
+        Exponents of states and inputs in the library, if its features are monomials.
     """
 
     library: Library
@@ -46,11 +49,18 @@ class Law:
     known: Array
     terms: tuple[PlacedEffect, ...]
     coef: Array
+    powers: Powers | None = None
 
     @classmethod
-    def of(cls, library: Library, declared: NDArray[np.bool_], known: Array) -> Law:
+    def of(
+        cls,
+        library: Library,
+        declared: NDArray[np.bool_],
+        known: Array,
+        powers: Powers | None = None,
+    ) -> Law:
         """The declared law, its coefficients not known yet."""
-        return cls(library, declared, known, (), known.copy())
+        return cls(library, declared, known, (), known.copy(), powers)
 
     @property
     def n_states(self) -> int:
@@ -162,6 +172,12 @@ class Law:
                 place += len(term.effect.terms)
         return told
 
+    def acts_in(self, stretches: Stretches) -> bool:
+        """Whether the last effect does anything there."""
+        term, seen = self.terms[-1], stretches.seen
+        columns = term.effect.columns(seen, term.place, *term.theta)[stretches.rows]
+        return bool(np.nan_to_num(columns).any())
+
     @property
     def breaks(self) -> tuple[Break, ...]:
         """Levels of states at which effects jump."""
@@ -191,7 +207,34 @@ class Law:
         shapes, bounds = self._shapes_and_bounds()
         if breaks:
             return BreakingLaws(*arguments, breaks, shapes=shapes, bounds=bounds)
-        return Laws(*arguments, shapes=shapes, bounds=bounds)
+        powers = None if shapes or bounds else self._powers(stretches.seen, further)
+        if powers is None:
+            return Laws(*arguments, shapes=shapes, bounds=bounds)
+        return laws_of_monomials(*arguments, powers)
+
+    def _powers(self, seen: Records, further: Array) -> Powers | None:
+        """Exponents of all columns of records and the further ones, if all that acts is monomials.
+
+        A value that is not known would stand in products in which it does not count.
+        """
+        columns = np.hstack([seen.X, seen.signals, further])
+        if self.powers is None or not np.isfinite(columns).all():
+            return None
+        place, listed = columns.shape[1] - further.shape[1], list[tuple[int, ...]]()
+        for term in self.terms:
+            channel = term.effect.proportional_to(term.place)
+            factors: tuple[int, ...] = () if channel is None else (channel,)
+            if not remembers(term):
+                known = term.effect.factors(term.place)
+                if known is None:
+                    return None
+                factors = known
+            for _ in term.effect.terms:
+                listed.append((place, *factors) if remembers(term) else factors)
+                place += remembers(term)
+        own = [np.bincount(np.array(one, dtype=np.intp), minlength=place) for one in listed]
+        beside = columns.shape[1] - self.powers.shape[1]
+        return np.vstack([np.pad(self.powers, ((0, 0), (0, beside))), *own])
 
     def _shapes_and_bounds(self) -> tuple[tuple[Shape, ...], tuple[Bound, ...]]:
         """What effects make of rates as a whole."""

@@ -17,10 +17,11 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 
 from swsysid._data.records import Records
 from swsysid._journal import step
-from swsysid._output_error.estimate import Fitted, of_samples
+from swsysid._output_error.estimate import Fitted, of_samples, roughly
 from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
@@ -29,8 +30,6 @@ from swsysid._stays.arrow import Arrow
 from swsysid._stays.descent import most_likely
 from swsysid._stays.flow import joined_legs, steady_legs
 from swsysid._stays.lifted import Estimate, Objective
-from swsysid._stays.nodes import Rows
-from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
 from swsysid.effects import (
     Effect,
@@ -40,6 +39,7 @@ from swsysid.effects import (
     RateEffect,
     UnknownFunction,
 )
+from swsysid.effects._shapes import shapes
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,16 @@ def candidates(
             for target in targets:
                 if effect.acts_in(records, place, target):
                     yield Candidate(PlacedEffect(effect, place, target), grid)
+
+
+def all_candidates(
+    effects: Sequence[Effect], records: Records, targets: Sequence[int]
+) -> list[Candidate]:
+    """The same as a list, functions of one channel for those without a name."""
+    named = [effect for effect in effects if not isinstance(effect, UnknownFunction)]
+    if len(named) < len(effects):
+        named += [shape for shape in shapes(records) if len(shape.channels) == 1]
+    return list(candidates(named, records, targets))
 
 
 def special_cases(
@@ -240,7 +250,7 @@ class RolloutScore:
     @classmethod
     def of(cls, fit: Fitted, tie: float) -> RolloutScore:
         """Of a fitted law, its states let go as the tie allows."""
-        settings = replace(STAYS.roughly(), ties=((tie, SETTINGS.turns_of_scan),))
+        settings = replace(roughly(), ties=((tie, SETTINGS.turns_of_scan),))
         with np.errstate(all="ignore"):
             followed = most_likely(fit.reached.estimate, fit.noise, settings).estimate
             followed = replace(followed, nodes=followed.nodes.joined(as_usual=False))
@@ -298,47 +308,44 @@ class RolloutScore:
         inverse = np.linalg.pinv(information / unit / unit[:, None], rcond=1e-12, hermitian=True)
         inverse = inverse / unit / unit[:, None]
         gains = np.zeros(len(trials))
-        for some in _at_once(responses):
-            beyond = own[:, -1], inverse, inverse @ gradient
-            chosen = [trials[k].target for k in some], [responses[k] for k in some]
-            gains[some] = self._gains_of_some(*chosen, *beyond)
+        targets = np.array([trial.target for trial in trials])
+        for target in np.unique(targets):
+            listed = np.flatnonzero(targets == target).tolist()
+            for some in _at_once([responses[k] for k in listed]):
+                chosen = [listed[k] for k in some]
+                moves = [responses[k] for k in chosen]
+                gains[chosen] = self._gains_in(target, moves, own, inverse, gradient)
         return gains
 
     @step
-    def _gains_of_some(
-        self, chosen: Sequence[int], moves: Sequence[Array], own: Array, inverse: Array, law: Array
+    def _gains_in(
+        self, target: int, moves: Sequence[Array], own: Array, inverse: Array, gradient: Array
     ) -> Array:
-        """Of some trials, from what nodes and the law would do alone."""
-        counts = [move.shape[1] for move in moves]
-        border, beside, of_gaps = self._rows(np.repeat(chosen, counts), np.hstack(moves))
-        reached = cho_solve_banded((self.band, True), border, check_finite=False)
-        across = beside - self.arrow.border.T @ reached
-        left = of_gaps - border.T @ own - across.T @ law
+        """Of some trials in one equation, from what nodes and the law would do alone.
+
+        What nodes take away are squares of what the factor of their band makes of a column, solved
+        forward; nothing is solved backward.
+        """
+        begins, unit = self.followed.nodes.begins, self.noise[target]
+        columns = np.hstack(moves).T / unit  # (n_columns, n_intervals)
+        weighted = self.square * columns
+        border = np.zeros((len(columns), *self.followed.states.shape))
+        border[:, begins] = weighted[:, :, None] * self.by_state[target].T
+        border[:, begins + 1, target] -= weighted
+        border = border.reshape(len(columns), -1)
+        of_nodes = border @ own
+        across = weighted @ self.by_law[target].T - of_nodes[:, :-1]
+        left = weighted @ self.gaps[:, target] - of_nodes[:, -1] - across @ (inverse @ gradient)
+        half, _ = dtbtrs(self.band, border.T, uplo="L", overwrite_b=True)
         gains, start = np.zeros(len(moves)), 0
-        for k, (target, move) in enumerate(zip(chosen, moves, strict=True)):
+        for k, move in enumerate(moves):
             theirs = slice(start, start + move.shape[1])
             start = theirs.stop
-            alone = move.T @ (self.square[:, None] * move) / self.noise[target] ** 2
-            block = alone - border[:, theirs].T @ reached[:, theirs]
-            block = block - across[:, theirs].T @ inverse @ across[:, theirs]
+            alone = weighted[theirs] @ columns[theirs].T
+            block = alone - half[:, theirs].T @ half[:, theirs]
+            block = block - across[theirs] @ inverse @ across[theirs].T
             gains[k] = explained(block, left[theirs], np.diag(alone))
         return gains
-
-    def _rows(self, targets: Rows, moves: Array) -> tuple[Array, Array, Array]:
-        """Border, products with the law's own coefficients and with the gaps, of all columns."""
-        n_states, begins, count = len(self.noise), self.followed.nodes.begins, len(targets)
-        weighted = self.square[:, None] * moves / self.noise[targets]
-        border = np.zeros((len(self.followed.nodes), n_states, count))
-        for state in range(n_states):
-            border[begins, state] = self.by_state[targets, state].T * weighted
-            own = np.flatnonzero(targets == state)
-            border[(begins + 1)[:, None], state, own] -= weighted[:, own]
-        beside, of_gaps = np.zeros((self.by_law.shape[1], count)), np.zeros(count)
-        for state in range(n_states):
-            own = targets == state
-            beside[:, own] = self.by_law[state] @ weighted[:, own]
-            of_gaps[own] = self.gaps[:, state] @ weighted[:, own]
-        return border.reshape(-1, count), beside, of_gaps
 
 
 def explained(block: Array, left: Array, alone: Array) -> float:

@@ -27,12 +27,12 @@ from swsysid._output_error.law import Law
 from swsysid._output_error.scan import Candidate, of_sensors, shortlist, variants
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
+from swsysid._output_error.unseen import Unseen
 from swsysid._output_error.values import Values
 from swsysid._remembered import Answer, Remembered
 from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
-from swsysid.effects import Effect, PlacedEffect, UnknownFunction
-from swsysid.effects._shapes import shapes
+from swsysid.effects import Effect, PlacedEffect
 
 _LATELY = 64  # answers that are kept, all of them of about five rounds
 
@@ -141,7 +141,7 @@ class Search:
         """The declared model, and the first effect if there is one."""
         own = self.stretches
         asked = own.disturbance, declared.declared.tobytes(), declared.known.tobytes()
-        first: Model = self._known(
+        first: Model = self.known(
             own.parts, asked, lambda: self.model(self.engine.fitted(declared, own))
         )
         done = Searched(self, (first,), ())
@@ -150,14 +150,8 @@ class Search:
 
     def model(self, fit: Fit) -> Model:
         """A law fitted to all stretches, and fold by fold."""
-        left, stretches, engine = [], [], self.engine
-        for train, test in self.stretches.folds():
-            known, unknown = (fit.courses_of(one) for one in (train, test))
-            part = engine.fitted(fit.law, self.stretches.some(train), known, fit.noise, turns=1)
-            left.append(engine.left_over(part, self.stretches.some(test), unknown).samples)
-            stretches += test
-        unseen = Left(np.vstack(left), self.stretches.some(stretches).series)
-        return Model(fit, unseen)
+        folds = Unseen(self.engine, self.stretches)
+        return self.known(fit, "by folds", partial(folds.model, fit))
 
     @step
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
@@ -167,7 +161,7 @@ class Search:
         declared law has left at first.
         """
         refuted = {self._key(one) for one in self.refuted}
-        fits = self._known(now, "beside", partial(self._beside, now))
+        fits = self.known(now, tuple(self.library), partial(self._beside, now))
         fits = [fit for fit in fits if self._key(fit.law.terms[-1]) not in refuted]
         models = [*self._models(now, self._likeliest(fits))]
         done = self.gain(first, now).share
@@ -226,18 +220,21 @@ class Search:
         Not what explains less of its own than half of what is worth it, or a name does of unseen.
         """
         series, most = self.stretches.series, SETTINGS.worthwhile
+        folds = Unseen(self.engine, self.stretches)
         for fit in sorted(fits, key=cost):
             own = fall(Left(now.fit.left, series), Left(fit.left, series)).share
             if own < 0.5 * most:
                 continue
             with suppress(LinAlgError):
-                model = self._known(fit, "by folds", partial(self.model, fit))
+                model = self.known(fit, "worthwhile", partial(folds.worthwhile, fit, now))
+                if model is None:
+                    continue
                 is_sure = self._pays(now, model, self.significance)
                 if is_sure and not (model.is_nameless or self.values.are_at_an_end(fit)):
                     most = max(most, self.gain(now, model).share)
                 yield model
 
-    def _known(self, about: object, question: Hashable, answer: Callable[[], Answer]) -> Answer:
+    def known(self, about: object, question: Hashable, answer: Callable[[], Answer]) -> Answer:
         """An answer that searches without one more refuted effect ask for again.
 
         Steps of a journal are numbered: where one is kept the work is done anew.
@@ -318,8 +315,9 @@ class Search:
 
     def _closer(self, model: Model, now: Model) -> Model:
         """The same with nonlinear parameters and noise of its own, where that is better."""
+        refined_fit = partial(self.values.refined, model.fit, len(model.law.terms) - 1)
         try:
-            refined = self.model(self.values.refined(model.fit, len(model.law.terms) - 1))
+            refined = self.model(self.known(model.fit, "refined", refined_fit))
         except LinAlgError:
             return model
         is_better = self.gain(now, refined).share >= self.gain(now, model).share
@@ -373,11 +371,9 @@ class Search:
     @cached_property
     def candidates(self) -> list[Candidate]:
         """What may be missing, the simplest explanation first."""
-        seen = self.stretches.seen
-        named = [effect for effect in self.effects if not isinstance(effect, UnknownFunction)]
-        if len(named) < len(self.effects):
-            named += [shape for shape in shapes(seen) if len(shape.channels) == 1]
-        return list(scan.candidates(named, seen, self.targets))
+        seen, asked = self.stretches.seen, (*self.library, *self.targets)
+        listed = partial(scan.all_candidates, self.effects, seen, self.targets)
+        return self.known(seen, asked, listed)
 
     def _key(self, placed: PlacedEffect) -> tuple:
         """What an effect is, whatever its parameters."""

@@ -28,9 +28,10 @@ from numpy.typing import NDArray
 from swsysid._data.coordinates import Monomials
 from swsysid._data.features import FeatureMap
 from swsysid._results import Array
-from swsysid._stays.laws import Laws, Modes, slope_of
+from swsysid._stays.laws import Features, Laws, Modes, slope_of
 from swsysid._stays.settings import LIMITS
 
+Powers = NDArray[np.intp]
 _ORDERS = (4, 6, 8)  # of the steps of affine laws
 
 
@@ -39,15 +40,22 @@ def laws_of(coef: Array, feature_map: FeatureMap, spread: Array, free: NDArray[n
     powers = feature_map.powers
     if powers is None:
         return Laws(coef, feature_map.at_rows, spread, free)
+    return laws_of_monomials(coef, feature_map.at_rows, spread, free, powers)
+
+
+def laws_of_monomials(
+    coef: Array, features: Features, spread: Array, free: NDArray[np.bool_], powers: Powers
+) -> PolynomialLaws:
+    """Laws of features that are monomials of states and inputs, (n_features, n_columns)."""
     kind = AffineLaws if powers.sum(axis=1).max() <= 1 else PolynomialLaws
-    return kind(coef, feature_map.at_rows, spread, free, powers)
+    return kind(coef, features, spread, free, powers)
 
 
 @dataclass(frozen=True)
 class PolynomialLaws(Laws):
     """Vector fields of monomials, whose derivatives are monomials again."""
 
-    powers: NDArray[np.intp]  # (n_features, n_states + n_inputs)
+    powers: Powers  # (n_features, n_states + n_inputs)
 
     @cached_property
     def _derived(self) -> tuple[Monomials, list[Array]]:

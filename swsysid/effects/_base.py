@@ -186,6 +186,10 @@ class Effect(BaseEstimator):
         """Columns h of the effect, shape (n_samples, n_terms); none by default."""
         return np.empty((len(records), 0))
 
+    def factors(self, place: Place) -> tuple[int, ...] | None:
+        """Channels of which each column is the product; None for others."""
+        return None
+
     def proportional_to(self, place: Place) -> int | None:
         """The channel of which the columns are multiples by functions of time; None for others."""
         return None

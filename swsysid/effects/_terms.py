@@ -51,6 +51,9 @@ class Bias(Effect):
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return np.ones((len(records), 1))
 
+    def factors(self, place: Place) -> tuple[int, ...]:
+        return ()
+
 
 class Polynomial(Effect):
     """One monomial of states and inputs.
@@ -86,6 +89,9 @@ class Polynomial(Effect):
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
         return np.prod([records.channel(channel) for channel in place], axis=0)[:, None]
+
+    def factors(self, place: Place) -> tuple[int, ...]:
+        return tuple(place)
 
     def label(self, place: Place, names: Sequence[str]) -> str:
         """Such as ``x^2 v``."""
