@@ -151,7 +151,6 @@ MOST_LINES = {
 # `refinement/_known`, `_surfaces/parameters`
 MOST_FILES = 432
 MOST_SETTINGS = 381
-MOST_SETTINGS = 381
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
 
