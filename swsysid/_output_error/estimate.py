@@ -22,12 +22,11 @@ from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid._stays.descent import Reached, most_likely, straight_to
-from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.descent import Reached, most_likely
+from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.output_error import KnownLaws, OutputError, Rollouts
 from swsysid._stays.settings import SETTINGS as STAYS
-from swsysid._stays.settings import StaySettings
 
 
 class Course(NamedTuple):
@@ -133,12 +132,11 @@ def fitted(
     `noise`; with `turns` 1 they are measured in that.
     """
     estimate, spread = _begun(law, stretches, start)
-    is_usual = turns == SETTINGS.noise_turns
     if noise is None:
         noise = 0.3 * spread
     for turn in range(turns):
-        is_near, closely = start is not None or turn > 0, is_usual and turn > 0
-        reached = _reached(estimate, noise, stretches.disturbance, is_near, closely)
+        is_near = start is not None or turn > 0
+        reached = _reached(estimate, noise, stretches.disturbance, is_near)
         left = _left(reached)
         own = np.sqrt(np.nanmean(np.square(left), axis=0))
         own = np.maximum(own, SETTINGS.least_noise * spread)
@@ -147,22 +145,11 @@ def fitted(
             break
         # what counts is the noise of states relative to each other, once its size is about right
         change = np.log(own / noise)
-        is_settled = np.ptp(change) < SETTINGS.settled
-        is_settled &= np.abs(change).max() < np.log(SETTINGS.about)
-        if is_settled and closely == is_usual:
+        if np.ptp(change) < SETTINGS.settled and np.abs(change).max() < np.log(SETTINGS.about):
             break
         noise = own
     coef = reached.estimate.laws.coef[0]
     return Fitted(replace(law, coef=coef), left, reached)
-
-
-def roughly() -> StaySettings:
-    """Of descents by which laws are compared: a fiftieth of what is worth it may stay.
-
-    In the log of a quadrotor the second half of their turns won a seventh of a percent of the
-    squares.
-    """
-    return replace(STAYS.roughly(), trifle=0.02 * SETTINGS.worthwhile)
 
 
 def stepped(law: Law, stretches: Stretches) -> Stretches:
@@ -219,18 +206,13 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
     return Estimate(law.laws(stretches, spread, further), nodes, states), spread
 
 
-def _reached(
-    estimate: Estimate, noise: Array, disturbance: float, near: bool, closely: bool = False
-) -> Reached:
-    """From nearby with nodes that are tied tightly, else with nodes tied ever more tightly."""
-    settings = STAYS.roughly() if closely else roughly()
+def _reached(estimate: Estimate, noise: Array, disturbance: float, near: bool) -> Reached:
+    """With nodes that are tied ever more tightly."""
+    settings = STAYS.roughly()
     looser, (_, n_turns) = settings.ties[:-1], settings.ties[-1]
-    tie = _tie(estimate, disturbance)
-    ties = (*(looser[-1:] if near else looser), (tie, n_turns))
-    settings = replace(settings, ties=ties)
+    ties = (*(looser[-1:] if near else looser), (_tie(estimate, disturbance), n_turns))
     with np.errstate(all="ignore"):  # a trial step that diverges is not taken
-        reached = straight_to(estimate, Objective(noise, tie), settings) if near else None
-        return most_likely(estimate, noise, settings) if reached is None else reached
+        return most_likely(estimate, noise, replace(settings, ties=ties))
 
 
 def _tie(estimate: Estimate, share: float) -> float:

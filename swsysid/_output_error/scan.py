@@ -21,7 +21,7 @@ from scipy.linalg.lapack import dtbtrs
 
 from swsysid._data.records import Records
 from swsysid._journal import step
-from swsysid._output_error.estimate import Fitted, of_samples, roughly
+from swsysid._output_error.estimate import Fitted, of_samples
 from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
@@ -30,6 +30,7 @@ from swsysid._stays.arrow import Arrow
 from swsysid._stays.descent import most_likely
 from swsysid._stays.flow import joined_legs, steady_legs
 from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
 from swsysid.effects import (
     Effect,
@@ -250,7 +251,7 @@ class RolloutScore:
     @classmethod
     def of(cls, fit: Fitted, tie: float) -> RolloutScore:
         """Of a fitted law, its states let go as the tie allows."""
-        settings = replace(roughly(), ties=((tie, SETTINGS.turns_of_scan),))
+        settings = replace(STAYS.roughly(), ties=((tie, SETTINGS.turns_of_scan),))
         with np.errstate(all="ignore"):
             followed = most_likely(fit.reached.estimate, fit.noise, settings).estimate
             followed = replace(followed, nodes=followed.nodes.joined(as_usual=False))

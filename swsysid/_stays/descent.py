@@ -14,8 +14,6 @@ from swsysid._stays.equations import Covariance
 from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.settings import StaySettings
 
-_STUCK = 3  # failures after which nodes that stay tied as they are lead nowhere
-
 
 class Movable(Protocol):
     """An estimate that can be moved by a step of its unknowns."""
@@ -118,17 +116,6 @@ def most_likely(
     return _through(estimate, stages, settings)
 
 
-def straight_to(estimate: Estimate, objective: Objective, settings: StaySettings) -> Reached | None:
-    """The estimate at the end of a descent with nodes as they are tied; None if it gets stuck.
-
-    From where another law has led nodes need not be let go: they are joined already, and what they
-    would lose takes longer to be won again.
-    """
-    own = replace(settings, most_failures=_STUCK)
-    (estimate, equations), is_there = _followed(estimate, objective, settings.ties[-1][1], own)
-    return Reached(estimate, objective, equations.value) if is_there else None
-
-
 def most_likely_with_guards(
     estimate: Estimate,
     noise: Array,
@@ -176,35 +163,21 @@ def descended(
     settings: StaySettings,
     enough: float = np.inf,
 ) -> tuple[E, float]:
-    """The best estimate and its value, which may be `enough`."""
-    (estimate, equations), _ = _followed(estimate, objective, n_turns, settings, enough)
-    return estimate, equations.value
-
-
-def _followed(
-    estimate: E,
-    objective: Descended[E],
-    n_turns: int,
-    settings: StaySettings,
-    enough: float = np.inf,
-) -> tuple[tuple[E, Equations], bool]:
     """Damping rises where steps fail, and falls where they do what they promised.
 
     It ends where the next step from the best estimate promises next to nothing, or less than a
-    tenth of what is missing to be `enough`; once a step has been taken, a share of the value.
+    tenth of what is missing to be `enough`.
     A step of nodes that are tied tightly may miss by the curvature of a flow what the next one
     mends: a few are followed before they are judged (the watchdog of Chamberlain et al., 1982).
-    The best is said with its equations, and false if steps have failed too often.
     """
     damping, taken, failed, followed = settings.damping, 0, 0, 0
     most = settings.most_followed
     best = now = estimate, objective.normal_equations(estimate)
     while taken < n_turns and failed < settings.most_failures:
         step, promised = now[1].step(damping)
-        converged = max(settings.converged, settings.trifle * best[1].value * (taken > 0))
-        least = max(converged, 0.1 * (best[1].value - enough))
+        least = max(settings.converged, 0.1 * (best[1].value - enough))
         if promised < least and now is best:
-            return best, True
+            break
         ahead = now[0].moved(step)
         allowed = objective.allows(ahead)
         if allowed:
@@ -213,11 +186,11 @@ def _followed(
         if allowed and gained > 0.0:
             best, taken, failed, followed = now, taken + 1, 0, 0
             damping /= 3.0 if gained > 0.25 * promised else 1.0
-            if gained < converged:
-                return best, True
+            if gained < settings.converged:
+                break
         elif allowed and not failed and followed < most and np.isfinite(now[1].value):
             followed += 1
         else:
             now, failed, followed = best, failed + 1, 0
             damping *= settings.rise
-    return best, failed < settings.most_failures
+    return best[0], best[1].value

@@ -60,7 +60,6 @@ class StaySettings:
     # nats by which a turn must make the data more likely, in rounds and at the end
     nearly_converged: float = 0.1
     converged: float = 0.02
-    trifle: float = 0.0  # share of the value that a further turn may leave, once one is made
     roughly_converged: float = 1.0  # where a descent goes on more closely, or stays are not right
     turns_of_snapped: int = 5  # in which instants put on the surface must be better than the others
     most_rounds: int = 6  # ends sooner where the stays repeat

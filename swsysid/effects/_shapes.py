@@ -12,12 +12,12 @@ others make of it, of two channels to be zero, as if a part of a row had said so
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PPoly, RBFInterpolator
+from scipy.interpolate import RBFInterpolator
 from scipy.linalg import null_space
 from scipy.spatial.distance import cdist
 from scipy.stats import rankdata
@@ -184,27 +184,11 @@ class UnknownFunction(Effect):
 
 
 @lru_cache(maxsize=256)
-def _cardinal(knots: tuple[tuple[float, ...], ...]) -> Callable[[Array], Array]:
+def _cardinal(knots: tuple[tuple[float, ...], ...]) -> RBFInterpolator:
     """Functions that are one at a knot and zero at the others, of channels in units of a range."""
     points = np.array(knots)
     scaled = points / np.ptp(points, axis=0)
-    if points.shape[1] > 1:
-        return RBFInterpolator(scaled, np.eye(len(points)), kernel="cubic", degree=1)
-    places = scaled[:, 0]
-    order = np.argsort(places)
-    spline = _on_lines_beyond(places[order], np.eye(len(points))[order])
-    return lambda rows: spline(rows[:, 0])
-
-
-def _on_lines_beyond(places: Array, values: Array) -> PPoly:
-    """The natural cubic spline, piece by piece, which goes on as straight lines."""
-    spline = CubicSpline(places, values, bc_type="natural")
-    ends = places[[0, -1]]
-    slopes = spline(ends, 1)
-    lines = np.zeros((2, 4, 1, values.shape[1]))
-    lines[:, 2, 0], lines[:, 3, 0] = slopes, [values[0] - slopes[0], values[-1]]
-    pieces = np.concatenate([lines[0], spline.c, lines[1]], axis=1)
-    return PPoly(pieces, np.concatenate([ends[:1] - 1.0, places, ends[1:] + 1.0]))
+    return RBFInterpolator(scaled, np.eye(len(points)), kernel="cubic", degree=1)
 
 
 @lru_cache(maxsize=256)

@@ -120,17 +120,15 @@ MOST_LINES = {
     "_displays": 1610,
     "_effect_model": 2420,
     "_effect_search": 9180,
-    "effects": 4050,
+    "effects": 4030,
     "exporting": 3330,
     "_free_rollouts": 930,
     "_identification": 2960,
     "_known": 1680,
     "_losses": 980,
     "metrics": 720,
-    # - candidates in one equation are solved forward together, laws of monomials are stepped as such,
-    #   and folds end where nothing can be won back (`_output_error/unseen`, a file); descents go
-    #   straight on from laws nearby, and say what may stay (`_stays`, a setting); functions of one
-    #   channel are splines piece by piece (`effects`).
+    # - candidates in one equation are solved forward together, laws of monomials stepped as such,
+    #   and folds end where nothing can be won back (`_output_error/unseen`, a file).
     "_output_error": 2460,
     "_recording_page": 490,
     "refinement": 2260,
@@ -141,7 +139,7 @@ MOST_LINES = {
     "_seeding": 1360,
     "_simulation": 2020,
     "_solvers": 1290,
-    "_stays": 10160,
+    "_stays": 10130,
     "_surfaces": 2400,
     "_tables": 2630,
     "_verdict": 1870,
@@ -150,7 +148,7 @@ MOST_LINES = {
 # a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,
 # `refinement/_known`, `_surfaces/parameters`
 MOST_FILES = 432
-MOST_SETTINGS = 381
+MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from swsysid._stays.descent import descended, straight_to
+from swsysid._stays.descent import descended
 from swsysid._stays.settings import StaySettings
 
 SETTINGS = StaySettings()
@@ -113,29 +113,3 @@ def test_a_promise_too_small_ends_it_but_not_amid_steps_that_are_followed():
 @pytest.mark.parametrize(("promise", "end"), [(4.9, 0), (5.1, 1)])
 def test_a_tenth_of_what_is_missing_is_asked_of_a_promise(promise, end):
     assert walked([100.0, 80.0, 80.0], [promise, 0.0, 0.0], enough=50.0)[0] == end
-
-
-def test_once_a_step_is_taken_a_trifle_of_what_is_left_may_stay():
-    values, promises = [1000.0, 100.0, 99.1, 90.0], [5.0, 0.9, 9.0, 0.0]
-    # five are less than a hundredth of 1000, and the first step is taken all the same
-    assert walked(values, promises, trifle=0.01)[0] == 1
-    assert walked(values, promises)[0] == 3
-    assert walked([100.0, 90.0, 89.5, 0.0], [9.0, 9.0, 9.0], trifle=0.01)[0] == 2  # gained less
-
-
-@pytest.mark.parametrize(
-    ("values", "end"),
-    [
-        ([100.0, 50.0, 50.0, 50.0, 50.0, 50.0], 1),  # the next step promises nothing
-        ([100.0, 90.0, 80.0, 70.0, 60.0, 50.0], 3),  # all of its turns are taken
-        ([100.0, 120.0, 110.0, 120.0, 120.0, 120.0], None),  # stuck, wherever it is damped to
-    ],
-)
-def test_straight_to_the_end_or_stuck(values, end):
-    promises = [50.0, 0.0, 0.0, 0.0] if end == 1 else np.full(6, 10.0)
-    told = Told(values, promises)
-    reached = straight_to(Place(), told, replace(SETTINGS, ties=((1.0, 3),)))
-    if end is None:
-        assert reached is None
-    else:
-        assert reached.estimate == Place(end) and reached.value == values[end]
