@@ -272,7 +272,7 @@ def test_a_state_beyond_the_bound_ends_the_rollout():
         ({"t": [0.0, 0.0]}, "t must be a 1-d array of finite, strictly increasing times."),
         ({"mode": 2}, "mode=2 is out of reach; it must be at most 1."),
         ({"inputs": [[1.0], [2.0]]}, "x0 holds 1 states and inputs hold 1 columns; give 1 and 0."),
-        ({"input_hold": "cubic"}, "input_hold='cubic' is unknown; choose 'zero' or 'linear'."),
+        ({"input_hold": "cubic"}, "input_hold='cubic' is unknown; choose 'zero', 'linear' or "),
         ({"rtol": 2.0}, "rtol=2.0 must be a number at least 0 and below 1."),
     ],
 )

@@ -169,7 +169,7 @@ def test_discrete_time_uses_inputs_and_stops_at_its_limits():
             dict(x0=[1.0], t=[0, 1], inputs=[1, np.inf]),
             "inputs contains NaN or infinity .* fill them in",
         ),
-        (dict(x0=[1.0], t=[0, 1], inputs=[1, 1], input_hold="cubic"), "'zero' or 'linear'"),
+        (dict(x0=[1.0], t=[0, 1], inputs=[1, 1], input_hold="cubic"), "'zero', 'linear' or 'next'"),
         (dict(x0=[1.0], t=[0, 1], inputs=[1, 1], method="Euler"), "choose 'auto', 'DOP853'"),
         (dict(x0=[1.0, 2.0, 3.0], t=[0, 1], inputs=[[1, 1], [1, 1]]), "shape"),
     ],
