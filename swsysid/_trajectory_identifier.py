@@ -79,7 +79,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         What the inputs, or each of them, do between two samples: they go on a line, keep their
         value until the next one, have had it since the one before (what a logger writes at the
         end of an interval), or step at an instant that is estimated. ``"auto"`` takes what is
-        clearly likeliest; ``"linear"`` where nothing steps.
+        likeliest; ``"linear"`` where nothing steps.
     n_jobs : int, default=None
         Given to `estimator`, whose starts run side by side; the answer is the same for any.
     random_state : int, RandomState instance or None, default=None

@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from numbers import Integral
 
 import numpy as np
@@ -132,7 +133,7 @@ class Given:
             names = names[:count] + names[self.n_channels :]
         return replace(self, records=records, names=names, order=1)
 
-    @property
+    @cached_property
     def at_levels(self) -> tuple[list[Array], list[int]]:
         """Inputs of all recordings, those in levels but for noise without it, and which are so."""
         return at_levels([(record.t, record.u) for record in self.records])

@@ -6,7 +6,8 @@ With V half the sum of squares that laws and states of highest likelihood leave 
 
 is least for one of four: it is on a line between two rows, it keeps its value until the next row,
 it has had its value since the row before, as what a logger writes at the end of an interval, or it
-steps at instants between the rows, which are estimated with the laws. The m instants that no
+steps at instants between the rows, which are estimated with the laws and make up for whatever these
+lack: only laws that then leave nothing but noise tell them. The m instants that no
 row tells are these and those at which modes switch by themselves: a switch by an input that steps
 is where it steps. Stays are as the first rounds have told them, or told anew.
 """
@@ -92,13 +93,16 @@ def holds_of(
         given = without_clipped(between_jumps(given).given)
         given = Origin.of(given, estimator, order).counted(given)
         search = Search(estimator, given, order, None, settings, lambda: None)
-        holds, before = lines, None
-        for n_modes in () if search.is_exact else dict.fromkeys((1, *search.counts)):
+        if search.is_exact:
+            return lines
+        told: list[tuple[Hold, ...]] = []
+        for n_modes in dict.fromkeys((1, *search.counts)):
             best = _best(search, n_modes, channels)
-            holds, before = best.holds, holds if n_modes > 1 else None
-            if holds == before or leaves_noise(best.reached, search.base.noise):
+            is_as_before = best.holds in told[-1:]
+            told.append(best.holds)
+            if is_as_before or leaves_noise(best.reached, search.base.noise):
                 break
-    return holds
+    return told[-1]
 
 
 def told_holds(input_hold: object, n_inputs: int) -> tuple[Hold, ...]:
@@ -128,7 +132,6 @@ def _best(search: Search, n_modes: int, channels: Mapping[int, tuple[Hold, ...]]
                 begun = search.held(other).begun(n_modes).reached
                 tried.append(_Trial(tuple(other), begun.with_noise(search.base.noise)))
             for one in tried:
-                # instants that are free make up for whatever a law lacks
                 is_told = hold is not Hold.BETWEEN or leaves_noise(one.reached, search.base.noise)
                 if is_told and one.nats < best.nats:
                     best = one

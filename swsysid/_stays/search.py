@@ -215,11 +215,6 @@ class Search:
         both = {n_modes: found, n_modes - 1: self.with_modes(n_modes - 1)}
         return both[least_of(both, lambda n: criterion(n, both[n]).criterion)]
 
-    @property
-    def usual_count(self) -> int:
-        """As many modes as are asked for, or two where their number is to be found."""
-        return int(self.counts[:2][-1])
-
     def begun(self, n_modes: int) -> StayIdentification:
         """What the first rounds say of so many modes."""
         return next(self._starts(n_modes, None)).begin()

@@ -66,30 +66,29 @@ def test_instants_of_a_relay_between_the_rows_are_found_with_the_law(origin):
     assert found.states_.shape == x.shape and found.report_.n_samples == len(t)
 
 
-def test_a_command_that_is_held_acts_from_its_row_on():
+@pytest.mark.parametrize(
+    ("hold", "late", "words"),
+    [
+        ("zero", 0, "keeps its value until the next row"),
+        ("next", 1, "acts a row before it is logged"),
+    ],
+)
+def test_a_command_acts_from_its_row_on_or_from_the_one_before(hold, late, words):
+    """A logger writes at the end of an interval what has acted in it, a controller at the begin."""
+
+    def logged(u):
+        return np.append(np.repeat(u[:1], late, axis=0), u[: len(u) - late], axis=0)
+
     t, x, u = command()
-    found = TrajectoryIdentifier(affine()).fit(x, t, inputs=u)
-    assert found.input_holds_ == ("zero",)
+    found = TrajectoryIdentifier(affine()).fit(x, t, inputs=logged(u))
+    assert found.input_holds_ == (hold,)
     off = np.abs(found.estimator_.coef_[0, 0] - TRUE)
     assert (off <= 2.0 * found.coef_errors_[0, 0]).all() and off.max() <= 0.01
-    assert "keeps its value until the next row" in str(found.report_)
-    run = found.simulate(x[0], t, u)
+    assert words in str(found.report_)
+    run = found.simulate(x[0], t, logged(u))
     np.testing.assert_allclose(run.x, x, atol=6.0 * NOISE)  # the start is as noisy as all samples
     unseen = command(seed=1)
-    assert found.score(unseen[1], unseen[0], inputs=unseen[2]) > 0.9995
-
-
-def test_what_is_logged_at_the_end_of_an_interval_has_acted_in_it():
-    t, x, u = command()
-    logged = np.append(u[:1], u[:-1], axis=0)
-    found = TrajectoryIdentifier(affine()).fit(x, t, inputs=logged)
-    assert found.input_holds_ == ("next",)
-    off = np.abs(found.estimator_.coef_[0, 0] - TRUE)
-    assert (off <= 2.0 * found.coef_errors_[0, 0]).all() and off.max() <= 0.01
-    assert "acts a row before it is logged" in str(found.report_)
-    run = found.simulate(x[0], t, logged)
-    np.testing.assert_allclose(run.x, x, atol=6.0 * NOISE)
-    assert found.score(x, t, inputs=logged) > 0.9995
+    assert found.score(unseen[1], unseen[0], inputs=logged(unseen[2])) > 0.9995
 
 
 def test_what_is_told_of_inputs_is_taken_and_nothing_else_is_tried(monkeypatch):
