@@ -239,10 +239,13 @@ class Search:
                 yield self.alternation(known.model, known.estimate.laws.free, recordings, known)
         for stretch in stretches:
             base = self._differentiated(stretch)
-            # there may be no shorter window than the automatic one
             if base.rows.window not in windows:
                 windows.add(base.rows.window)
                 yield self.alternation(*self._start(n_modes, base), recordings)
+            elif 2 * len(self._intervals) > len(base.rows.X):
+                # there is no shorter window: slopes between neighbours, of most samples there,
+                # which no step of an input and no switch beside them blurs
+                yield self.alternation(*self._start_of_intervals(n_modes), recordings)
         if fewer is not None and not self.surfaces:
             more = grown(fewer, recordings)
             yield self.alternation(*more, recordings)
