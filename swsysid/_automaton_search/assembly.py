@@ -46,10 +46,12 @@ class TransitionVerdict:
     largest_margin : float
         Of any guard of the same monomials: the optimum of the paper's margin program.
     n_coefficients : int
-        Of the guard. With no more switches than coefficients it is not determined: guards of other
+        Of the guard. With no more switches than coefficients, shared ones among them, it is not determined: guards of other
         columns tell the switches as well.
     rivals : tuple of str
         Guards of other columns, of no more, that tell the same switches to within two samples.
+    n_shared : int
+        Switches of other transitions, which cross the same surface.
     is_in_model : bool
         Whether the automaton has the transition: not where no guard explains more switches than it
         has coefficients, and not nearly all.
@@ -64,6 +66,7 @@ class TransitionVerdict:
     largest_margin: float = np.nan
     n_coefficients: int = 0
     rivals: tuple[str, ...] = ()
+    n_shared: int = 0
     is_in_model: bool = True
 
     @property
@@ -73,8 +76,8 @@ class TransitionVerdict:
 
     @property
     def is_determined(self) -> bool:
-        """True if there are more switches than coefficients of the guard."""
-        return self.support > self.n_coefficients
+        """True if more switches cross the surface of the guard than it has coefficients."""
+        return self.support + self.n_shared > self.n_coefficients
 
     def advice(self) -> str:
         """One sentence on a transition that no guard explains, or that too few switches tell."""
@@ -225,6 +228,7 @@ def verdicts_of(
                 margin=margins.margin,
                 largest_margin=margins.largest,
                 n_coefficients=guard.n_coefficients,
+                n_shared=guard.n_shared,
                 rivals=tuple(
                     guard_text(in_users(rival.guard), columns, _DIGITS_OF_RIVALS, brief=True)
                     for rival in guard.rivals

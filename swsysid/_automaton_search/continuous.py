@@ -325,11 +325,13 @@ def _shared_exits(
     if any(one.asked_at_samples for one in found):
         yield ASKED_AT_SAMPLES
     interval, laws = stays.estimate.nodes.recordings.interval, stays.estimate.laws
-    crossed = {one.pair: one.switches.before(laws) for one in found}
+    crossed = {
+        one.pair: (*one.switches.before(laws), one.switches.reach(interval)) for one in found
+    }
 
     def rises(one: FoundTransition, other: FoundTransition) -> float:
         assert one.guard is not None, "only guards are compared"
-        return share_risen(one.guard, *crossed[other.source, other.target], interval)
+        return share_risen(one.guard, *crossed[other.source, other.target])
 
     yield from shared_exits(
         [one.transition for one in found],

@@ -153,12 +153,18 @@ def shared_exits(
     below a threshold at all switches of the one and above it at all others.
     """
     told = [one for one in found if one.guard is not None and one.source != one.target]
+
+    def goes_on(one: FoundTransition, other: FoundTransition) -> bool:
+        """Whether from the target of the one it is left at once for that of the other."""
+        way = one.target, other.target
+        return any((on.source, on.target) == way and rises(on, other) > 0.5 for on in told)
+
     for one, other in combinations(told, 2):
         if one.source != other.source:
             continue
         asked = sorted((one, other), key=lambda way: way.rank)
         both = [asked] if one.rank != other.rank else [asked, asked[::-1]]
-        if max(rises(*ways) for ways in both) <= 0.5:
+        if not any(rises(*ways) > 0.5 and not goes_on(*ways) for ways in both):
             continue
         first, second = sorted((one, other), key=lambda way: names[way.target])
         source, ways = names[one.source], (names[first.target], names[second.target])

@@ -28,6 +28,7 @@ class FoundGuard:
     rivals: tuple[FoundGuard, ...] = ()  # of other columns, that tell the same switches
     also: tuple[FoundGuard, ...] = ()  # conditions that hold besides where it rises
     is_lent: bool = False  # by other transitions, whose switches tell it
+    n_shared: int = 0  # switches of others, which cross the same surface
 
     @property
     def whole(self) -> Guard:

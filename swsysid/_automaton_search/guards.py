@@ -21,8 +21,10 @@ does not explain, since it is none, costs what it does at random in a stay of me
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +40,7 @@ from swsysid._automaton_search.few_columns import (
     without_clocks,
 )
 from swsysid._automaton_search.found import FoundGuard
+from swsysid._automaton_search.margins import Sides, guard_of_columns
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
@@ -46,6 +49,11 @@ from swsysid._results import Array
 _SLOWEST = 0.1
 _TURNS, _TURNS_WITHOUT_SIDES, _TURNS_OF_EXPLAINED = 12, 4, 4
 _FALLS = 1e100  # deviations by which a guard misses a switch at which it falls
+
+
+# By which a miss beyond the end of a step counts, in which inputs are known: what samples may lie
+# beyond is then as much as a guard may miss.
+_BEYOND_RAMPS = SETTINGS.near / SETTINGS.beyond
 
 
 # Guards by the names of what they are found from.
@@ -72,9 +80,11 @@ class Crossed:
     columns: Array  # (n_switches, n_columns): where it is zero
     rates: Array  # of these, in the direction in which it rises
     errors: Array  # (n_switches,): of the instants
+    ramps: Array  # (n_switches,): times to both sides at any of which it may be zero as well
     beside: Array  # (n_samples, n_columns): where it is not zero
     beside_rates: Array
     signs: Array  # (n_samples,): -1 where it is below zero, 1 where it is above
+    shares: Array  # (n_samples,): by which they count
     interval: float  # between two samples
 
     def of(self, some: NDArray[np.intp]) -> Crossed:
@@ -84,9 +94,11 @@ class Crossed:
             self.columns[seen],
             self.rates[seen],
             self.errors[seen],
+            self.ramps[seen],
             self.beside[beside],
             self.beside_rates[beside],
             self.signs[beside],
+            self.shares[beside],
             self.interval,
         )
 
@@ -95,24 +107,35 @@ class Crossed:
         name = blake2b(some.tobytes())
         for part in (self.columns, self.rates, self.beside, self.beside_rates):
             name.update(part[:, some].tobytes())
-        for part in (self.errors, self.signs):
+        for part in (self.errors, self.ramps, self.signs, self.shares):
             name.update(part.tobytes())
         return name.digest()
 
-    def joined(self, back: Crossed) -> Crossed:
-        """That of one surface which is also crossed back; it does not see the clocks."""
-        columns, beside = (
-            without_clocks(np.vstack(pair))
-            for pair in ((self.columns, back.columns), (self.beside, back.beside))
-        )
-        return Crossed(
-            columns,
-            np.vstack([self.rates, -back.rates]),
-            np.append(self.errors, back.errors),
-            beside,
-            np.vstack([self.beside_rates, -back.beside_rates]),
-            np.append(self.signs, -back.signs),
-            self.interval,
+    def turned(self, sign: float) -> Crossed:
+        """The same of a guard of the other sign, if it is -1."""
+        turned = sign * self.rates, sign * self.beside_rates, sign * self.signs
+        return replace(self, rates=turned[0], beside_rates=turned[1], signs=turned[2])
+
+    def without_samples(self) -> Crossed:
+        """The same without the samples of the mode, where it is below zero."""
+        own = self.signs > 0.0
+        beside, rates = self.beside[own], self.beside_rates[own]
+        signs, shares = self.signs[own], self.shares[own]
+        return replace(self, beside=beside, beside_rates=rates, signs=signs, shares=shares)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Crossed]) -> Crossed:
+        """That of one surface which all of them cross; it does not see the clocks."""
+        return cls(
+            without_clocks(np.vstack([one.columns for one in parts])),
+            np.vstack([one.rates for one in parts]),
+            np.concatenate([one.errors for one in parts]),
+            np.concatenate([one.ramps for one in parts]),
+            without_clocks(np.vstack([one.beside for one in parts])),
+            np.vstack([one.beside_rates for one in parts]),
+            np.concatenate([one.signs for one in parts]),
+            np.concatenate([one.shares for one in parts]),
+            parts[0].interval,
         )
 
 
@@ -163,10 +186,13 @@ def met(guard: FoundGuard, columns: Array, rates: Array) -> FoundGuard:
     return guard if held else replace(guard, also=())
 
 
-def share_risen(guard: FoundGuard, columns: Array, rates: Array, interval: float) -> float:
-    """The part of some switches at which a guard rises, of those at which its columns are known."""
+def share_risen(guard: FoundGuard, columns: Array, rates: Array, reach: Array) -> float:
+    """The part of some switches at which a guard rises, of those at which its columns are known.
+
+    It does so where it is zero within some times, (n_switches,).
+    """
     missed = missed_by(guard.guard, columns, rates)
-    rises = (np.abs(missed) <= SETTINGS.near * interval) & guard.goes_with(columns)
+    rises = (np.abs(missed) <= reach) & guard.goes_with(columns)
     return float(rises.sum() / max(1, np.isfinite(missed).sum()))
 
 
@@ -190,18 +216,24 @@ def _rises(guard: PolynomialGuard, columns: Array, rates: Array) -> tuple[Array,
     return gradients, np.where(rises != 0.0, rises, np.inf)
 
 
-def surface_both_ways(
-    there: Crossed, back: Crossed, degree: int, solved: Solved
-) -> tuple[FoundGuard, FoundGuard] | None:
-    """One surface for both ways between two modes, as a guard for each that costs what both do."""
-    found = best_guard(there.joined(back), degree, solved=solved)
+def guards_of_surface(
+    parts: Sequence[Crossed],
+    signs: Sequence[float],
+    degree: int,
+    solved: Solved,
+) -> list[FoundGuard] | None:
+    """One surface for several ways, as a guard for each, with its share of what all cost."""
+    found = best_guard(Crossed.joined(parts), degree, solved=solved)
     if found is None:
         return None
-    n = len(there.columns)
-    return (
-        found.turned(1.0, lambda one: one.misses[:n]),
-        found.turned(-1.0, lambda one: -one.misses[n:]),
-    )
+    ends = np.cumsum([0, *(len(one.columns) for one in parts)])
+    own = [slice(*pair) for pair in pairwise(ends.tolist())]
+    found = replace(found, cost=found.cost / len(parts))
+    guards = [
+        found.turned(sign, lambda one, sign=sign, rows=rows: sign * one.misses[rows])
+        for sign, rows in zip(signs, own, strict=True)
+    ]
+    return [replace(one, n_shared=int(ends[-1]) - len(one.misses)) for one in guards]
 
 
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
@@ -221,9 +253,26 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
         len(seen), int((~seen).sum()), solved.random, term=solved.random, chance=solved.chance
     )
     errors = basis.errors(solved.coef, solved.covariance)
-    return FoundGuard(
+    found = FoundGuard(
         basis.guard(solved.coef), solved.cost + price, misses, some, errors, solved.beyond
     )
+    return _with_margin(found, own, solved, degree) if (own.ramps > 0.0).all() else found
+
+
+def _with_margin(
+    found: FoundGuard, own: Crossed, solved: _Program, degree: int
+) -> FoundGuard:
+    """The same as far as it can be from what is told on both sides by steps alone."""
+    below, above = (solved.right & (own.signs == side) for side in (-1.0, 1.0))
+    to_end = 0.5 * own.interval * own.rates
+    ends = own.columns - to_end, own.columns + to_end
+    sides = Sides(own.beside[below], own.beside[above], *ends)
+    wide = guard_of_columns(sides, found.some, degree)
+    if wide is None:
+        return found
+    misses = found.misses.copy()
+    misses[np.isfinite(misses)] = wide.misses * _BEYOND_RAMPS * own.interval
+    return replace(found, guard=wide.guard, errors=wide.errors, misses=misses)
 
 
 class _Program(NamedTuple):
@@ -236,6 +285,7 @@ class _Program(NamedTuple):
     chance: float  # nats by which another guard that explains the same may be better
     covariance: Array  # of the coefficients
     beyond: int  # samples that are on the wrong side
+    right: NDArray[np.bool_]  # samples that are not
 
 
 def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
@@ -244,7 +294,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
     rising = slopes.mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
-    scaled = _Scaled.of(rising)
+    scaled, in_steps = _Scaled.of(rising), bool((own.ramps > 0.0).all())
     errors = np.maximum(own.errors, SETTINGS.instant * own.interval)
     unit = max(float(np.median(errors)), SETTINGS.beyond * own.interval)
     stay = own.interval * max(len(own.beside) / len(errors), 1.0)
@@ -252,7 +302,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
     rates, weights = np.ones(len(values)), np.ones(len(values))
     beside_rates, pulls = np.ones(len(beside)), np.zeros(len(beside))
     wrong, turn, last = np.zeros(len(beside)), 0, _TURNS + _TURNS_OF_EXPLAINED
-    coef, missed = np.zeros(len(rising)), np.zeros(len(values))
+    coef, missed, off = np.zeros(len(rising)), *np.zeros((2, len(values)))
     while turn < last:
         pulling, before = pulls > 0.0, np.concatenate([coef, weights, pulls])
         rows = np.vstack([
@@ -264,16 +314,20 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
         # their mean is one, so that what most of them do not have is more than its rounding
         least = max(_SLOWEST * float(np.median(own_rates)), np.finfo(float).eps)
         rates = np.maximum(own_rates, least)
-        beside_rates = np.maximum(np.abs(beside_slopes @ coef), least)
+        # what is held is off by parts of a usual step
+        moving = np.median(rates) if in_steps else np.abs(beside_slopes @ coef)
+        beside_rates = np.maximum(moving, np.full(len(beside), least))
         times = values @ coef / rates
-        missed = np.where(slopes @ coef > 0.0, times / errors, _FALLS)
+        off = _off_ramps(times, own.ramps)
+        missed = np.where(slopes @ coef > 0.0, off / errors, _FALLS)
         wrong = -own.signs * (beside @ coef) / beside_rates
         beyond = (pulling & (wrong > -unit)) | (wrong > unit)
         # least absolute deviations first, then least squares of those that are explained
         weights = _least_absolute(times / errors)
         # once the switches tell about where the guard is; samples of false stays lie far beyond
         if turn >= _TURNS_WITHOUT_SIDES:
-            pulls = np.where(beyond, np.square(_least_absolute(wrong / unit)), 0.0)
+            far = np.square(_least_absolute(wrong / unit))
+            pulls = np.where(beyond, np.sqrt(own.shares) * far, 0.0)
         if turn >= _TURNS:
             told = _explained(missed, random)
             weights = np.where(told.which, 1.0 / told.scale, 0.0)
@@ -285,10 +339,19 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
             kinds = _TURNS_WITHOUT_SIDES, _TURNS, last
             turn = next(first for first in kinds if first >= turn)
     told = _explained(missed, random)
-    cost = told.cost + float(np.minimum(_costs_beside(wrong, unit), random).sum())
+    cost = told.cost + float(own.shares @ np.minimum(_costs_beside(wrong, unit), random))
     rows = values * (weights / (rates * errors))[:, None]
     n_beyond = int((wrong > SETTINGS.near * own.interval).sum())
-    return _Program(coef, times, cost, random, told.chance, scaled.covariance(rows), n_beyond)
+    return _Program(
+        coef, off, cost, random, told.chance, scaled.covariance(rows), n_beyond,
+        wrong <= unit,
+    )  # fmt: skip
+
+
+def _off_ramps(times: Array, ramps: Array) -> Array:
+    """Misses, of ramps none up to their ends; beyond, what a sample may be off by is the most."""
+    beyond = np.maximum(0.0, np.abs(times) - ramps) * _BEYOND_RAMPS
+    return np.where(ramps > 0.0, np.sign(times) * beyond, times)
 
 
 def _least_absolute(misses: Array) -> Array:

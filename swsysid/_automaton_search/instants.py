@@ -52,12 +52,26 @@ class GuardContext:
     solved: Solved = field(default_factory=dict)
 
     def crossed(self, switches: Switches) -> Crossed:
-        """What the guard of switches is known by, these at their present instants."""
-        columns, rates = switches.before(self.laws)
-        own = self.visits.modes == switches.source[0]
-        columns, beside = (self.terms.seen(one) for one in (columns, self.visits.columns[own]))
-        rates_beside, below = self.visits.rates[own], -np.ones(len(beside))
-        return Crossed(columns, rates, switches.errors, beside, rates_beside, below, self.interval)
+        """What the guard of switches is known by, these at their present instants.
+
+        It is below zero at the samples of their mode, and above it where steps end.
+        """
+        (columns, rates), visits = switches.before(self.laws), self.visits
+        own = visits.modes == switches.source[0]
+        ends, ended = columns + 0.5 * self.interval * rates, switches.in_steps
+        # where steps alone tell it, what is held from one to the next says the same
+        shares = visits.shares[own] if ended.all() else np.ones(own.sum())
+        return Crossed(
+            self.terms.seen(columns),
+            rates,
+            switches.errors,
+            switches.ramps(self.interval),
+            self.terms.seen(np.vstack([visits.columns[own], ends[ended]])),
+            np.vstack([visits.rates[own], rates[ended]]),
+            np.repeat([-1.0, 1.0], [own.sum(), ended.sum()]),
+            np.append(shares, np.ones(ended.sum())),
+            self.interval,
+        )
 
     def guard(self, switches: Switches, some: NDArray[np.intp] | None = None) -> FoundGuard | None:
         """The guard of switches at their present instants, of some columns or of any."""

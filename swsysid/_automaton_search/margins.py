@@ -123,7 +123,7 @@ def _missed(guard: PolynomialGuard, reached: Array) -> Array:
 def guard_of_columns(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
     """The guard of some columns; None where they tell none."""
     seen = known(sides.last, some) & known(sides.reached, some)
-    basis = FewColumns.of(sides.below, some, degree)
+    basis = FewColumns.of(np.vstack([sides.below, sides.above]), some, degree)
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
         return None
     below, above = (basis.values(rows[known(rows, some)]) for rows in (sides.below, sides.above))

@@ -97,8 +97,8 @@ def _errors(
 ) -> tuple[Array, tuple[Array, ...], tuple[Array | None, ...], Array]:
     """Standard errors in the order of the automaton's modes and transitions, and the covariance.
 
-    Further conditions of a guard, which are not refined, have errors of their own and no share in
-    the covariance.
+    What is not refined, further conditions of a guard and one that steps tell, has errors of its
+    own and no share in the covariance.
     """
     automaton, order = after.automaton, after.order
     laws, of_guards, of_resets = slopes_from(origin, joint, automaton.feature_map)
@@ -109,7 +109,7 @@ def _errors(
         slopes, own = of_guards[place], found[place].guard
         assert slopes is not None and own is not None, "a transition of the automaton has a guard"
         also = np.concatenate([np.zeros(0), *(part.errors for part in own.also)])
-        further.append(np.append(np.zeros(slopes.shape[1]), also))
+        further.append(np.append(np.where(slopes.any(), 0.0, own.errors), also))
         parts.append(np.hstack([slopes, np.zeros((len(slopes), len(also)))]))
         if one.reset is not None:
             parts.append(of_resets[:, place])
@@ -141,6 +141,7 @@ def joint_estimate(
         sources,
         len(laws.coef),
         spread,
+        np.array([_is_told_by_instants(one) for one in found], dtype=bool),
     )
     resets = Resets.of(
         [
@@ -186,7 +187,12 @@ def _told(one: Settled, interval: float) -> NDArray[np.bool_]:
         return np.zeros(len(one.switches), dtype=bool)
     sure = np.maximum(one.switches.errors, one.guard.usual_miss)
     near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * sure)
-    return np.asarray(np.abs(one.guard.misses) <= near)
+    return np.asarray((np.abs(one.guard.misses) <= near) & _is_told_by_instants(one))
+
+
+def _is_told_by_instants(one: Settled) -> bool:
+    """Whether its instants say where a guard is: those of steps alone say between which values."""
+    return not one.switches.in_steps.all()
 
 
 def first_pieces(pieces: Pieces, found: list[Settled], noise: Array) -> NDArray[np.intp]:

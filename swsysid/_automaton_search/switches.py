@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.trajectories import AT_ONCE
 from swsysid._results import Array
 from swsysid._stays.certainty import certainty
@@ -42,6 +43,7 @@ class Switches:
     starts: Array  # at the second
     slopes: Array  # (n_switches, n_inputs): of the inputs; of those that step, by interval
     piece: NDArray[np.intp]  # that begins after a jump, -1 where the state goes on
+    in_steps: NDArray[np.bool_]  # told by the moment in which an input steps
 
     def __len__(self) -> int:
         return len(self.times)
@@ -57,8 +59,19 @@ class Switches:
 
     def asked_at_samples(self, interval: float) -> Switches:
         """The same where a guard that the state goes on at has risen since the sample before."""
-        errors = np.where(self.jumped, self.errors, interval / np.sqrt(12.0))
+        errors = np.where(self.jumped, self.errors, even(interval))
         return replace(self, errors=errors)
+
+    def ramps(self, interval: float) -> Array:
+        """Times around those at steps, which are taken for ramps of an interval, nearly to the ends.
+
+        A guard that is zero at an end tells nothing of the inputs that are held there.
+        """
+        return np.where(self.in_steps, (0.5 - SETTINGS.beyond) * interval, 0.0)
+
+    def reach(self, interval: float) -> Array:
+        """Times within which a guard that is zero rises at them."""
+        return np.where(self.in_steps, 0.5, SETTINGS.near) * interval
 
     def before(self, laws: Laws) -> tuple[Array, Array]:
         """Columns at the instants in the old modes, and their rates.
@@ -92,6 +105,7 @@ class Visits:
     modes: Modes  # (n_samples,)
     columns: Array  # (n_samples, n_columns), as those of `Switches.before`
     rates: Array
+    shares: Array  # (n_samples,): of the samples from one step of the inputs to the next
 
 
 def switches_of(
@@ -120,13 +134,14 @@ def switches_of(
         done.new,
         np.concatenate([begin[:-1] for begin in begins]),
         instants,
-        np.concatenate(certainty(found).instants),
+        np.where(done.steps, even(recordings.interval), np.concatenate(certainty(found).instants)),
         np.zeros(len(own), dtype=bool),
         np.column_stack([instants, instants]),
         done.columns[:, :-2],
         done.columns[:, :-2],
         done.rates[:, n_states:-2],
         np.full(len(own), -1),
+        done.steps,
     )
     later = np.flatnonzero(pieces.follows)
     known = np.array([
@@ -136,7 +151,7 @@ def switches_of(
     ends = np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2])
     starts = np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2])
     duration = np.ptp(known, axis=1)[:, None]
-    errors = duration[:, 0] / np.sqrt(12.0)
+    errors = even(duration[:, 0])
     at_once = errors < AT_ONCE * recordings.interval
     errors[at_once] = _blurred(estimate.laws, source[at_once], ends[at_once], found.left)
     between = Switches(
@@ -152,6 +167,7 @@ def switches_of(
         starts,
         ((starts - ends) / np.where(duration > 0.0, duration, np.inf))[:, n_states:],
         later,
+        np.zeros(len(later), dtype=bool),
     )
     pairs = zip(vars(within).values(), vars(between).values(), strict=True)
     switches = Switches(*(np.concatenate(pair) for pair in pairs))
@@ -159,10 +175,19 @@ def switches_of(
     return ordered, _visits(found, begins)
 
 
+def even(duration: Array | float) -> Array:
+    """Standard error of an instant that may be at any time of some duration."""
+    return np.asarray(duration / np.sqrt(12.0))
+
+
 def at_samples(found: StayIdentification) -> bool:
-    """Whether all instants lie on samples, by more than chance: what decides may be asked there."""
-    stays, recordings = found.estimate.nodes.stays, found.estimate.nodes.recordings
-    if not any(len(own.instants) for own in stays):
+    """Whether all instants lie on samples, by more than chance: what decides may be asked there.
+
+    Those at steps of inputs lie there anyway.
+    """
+    nodes = found.estimate.nodes
+    stays, recordings = nodes.stays, nodes.recordings
+    if nodes.in_steps.all():
         return False
     off = np.concatenate(
         [
@@ -170,6 +195,7 @@ def at_samples(found: StayIdentification) -> bool:
             for own, t, places in zip(stays, recordings.times, recordings.sampled, strict=True)
         ]
     )
+    off = off[~nodes.in_steps]
     on_samples = off.max() <= _ON_SAMPLE * recordings.interval
     return bool(on_samples and len(off) * np.log(2.0 * _ON_SAMPLE) < np.log(_CHANCE))
 
@@ -197,6 +223,13 @@ def _in_the_middle(times: tuple[Array, ...], pieces: Pieces) -> Array:
     return np.where(pieces.follows, 0.5 * (np.roll(before, 1) + after), np.nan)
 
 
+def _shares_of_steps(u: Array, recording: NDArray[np.intp]) -> Array:
+    """Of each sample, one by the number of those that follow each other at the same inputs."""
+    held = np.column_stack([u, recording])
+    run = np.cumsum(np.append(True, (held[1:] != held[:-1]).any(axis=1))) - 1
+    return np.asarray(1.0 / np.bincount(run)[run])
+
+
 def _visits(found: StayIdentification, begins: list[Array]) -> Visits:
     """The samples with their modes and the time since these were entered."""
     estimate = found.estimate
@@ -214,4 +247,4 @@ def _visits(found: StayIdentification, begins: list[Array]) -> Visits:
     ])  # fmt: skip
     columns = np.column_stack([x, u, np.concatenate(dwells), np.concatenate(sampled)])
     rates = np.hstack([estimate.laws.velocities(modes, x, u), slopes, np.ones((len(x), 2))])
-    return Visits(modes, columns, rates)
+    return Visits(modes, columns, rates, _shares_of_steps(u, recordings.groups))

@@ -28,6 +28,7 @@ class TransitionGuards(Guards):
     own: tuple[Numbers, ...]  # of each guard: places of its monomials
     which: Numbers  # (n_transitions,): the guard of each, -1 where there is none
     signs: Array  # (n_transitions,)
+    told: NDArray[np.bool_]  # (n_guards,): by instants; others stay as they are
 
     @classmethod
     def of_transitions(
@@ -36,18 +37,20 @@ class TransitionGuards(Guards):
         sources: Numbers,
         n_modes: int,
         spread: Array,
+        by_instants: NDArray[np.bool_],
     ) -> TransitionGuards:
-        """Those of some transitions out of modes; `spread` is a typical size of each column."""
+        """Those of some transitions out of modes; `spread` is a typical size of each column.
+
+        Instants tell guards of the transitions at which they do so.
+        """
         guards: list[PolynomialGuard] = []
         which, signs = np.full(len(given), -1), np.ones(len(given))
         for k, guard in enumerate(given):
             if guard is None:
                 continue
-            opposite = (n for n, other in enumerate(guards) if _opposite(guard, other))
-            which[k] = next(opposite, len(guards))
-            if which[k] < len(guards):
-                signs[k] = -1.0
-            else:
+            same = ((n, _sign(guard, other)) for n, other in enumerate(guards))
+            which[k], signs[k] = next((one for one in same if one[1]), (len(guards), 1.0))
+            if which[k] == len(guards):
                 guards.append(guard)
         constant = PolynomialGuard(np.zeros(1), np.zeros((1, len(spread)), dtype=np.intp))
         rows = (tuple(row) for one in guards or [constant] for row in one.powers.tolist())
@@ -57,13 +60,19 @@ class TransitionGuards(Guards):
         coef = np.zeros((len(guards), len(every)))
         for row, one, place in zip(coef, guards, own, strict=True):
             row[place] = one.coef
-        powers = np.array(every, dtype=np.intp)
-        book, led = np.zeros((n_modes, len(guards)), dtype=np.int64), which >= 0
+        powers, led = np.array(every, dtype=np.intp), which >= 0
+        told = np.isin(np.arange(len(guards)), which[led & by_instants])
+        book = np.zeros((n_modes, len(guards)), dtype=np.int64)
         book[sources[led], which[led]] = -signs[led]
         return cls(
-            coef, Monomials(powers), spread, book, coef != 0.0,
-            powers=powers, own=own, which=which, signs=signs,
+            coef, Monomials(powers), spread, book, (coef != 0.0) & told[:, None],
+            powers=powers, own=own, which=which, signs=signs, told=told,
         )  # fmt: skip
+
+    def pivoted(self, at: Crossings | None = None) -> TransitionGuards:
+        """The same, one coefficient of each guard held that instants tell, and all of the others."""
+        guards = super().pivoted(at)
+        return replace(guards, free=guards.free & self.told[:, None])
 
     def guard(self, transition: int) -> PolynomialGuard | None:
         """That of a transition."""
@@ -122,6 +131,7 @@ class TransitionGuards(Guards):
             self,
             coef=coef[some] * scales[some, None],
             free=self.free[some],
+            told=self.told[some],
             mode_book=book[:, some],
             own=tuple(self.own[k] for k in some),
             which=which,
@@ -135,5 +145,8 @@ class TransitionGuards(Guards):
         return np.asarray(np.isnan(columns) @ used.T)
 
 
-def _opposite(guard: PolynomialGuard, other: PolynomialGuard) -> bool:
-    return np.array_equal(guard.powers, other.powers) and np.array_equal(guard.coef, -other.coef)
+def _sign(guard: PolynomialGuard, other: PolynomialGuard) -> float:
+    """The number, 1 or -1, by which a guard is another one; 0 where it is none."""
+    if not np.array_equal(guard.powers, other.powers):
+        return 0.0
+    return next((sign for sign in (1.0, -1.0) if np.array_equal(guard.coef, sign * other.coef)), 0.0)

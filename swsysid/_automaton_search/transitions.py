@@ -17,10 +17,10 @@ from swsysid._automaton_search.guards import (
     GuardTerms,
     missed_by,
     share_risen,
-    surface_both_ways,
     where_it_rises,
 )
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
+from swsysid._automaton_search.one_surface import with_shared_surfaces
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, at_samples, switches_of
 from swsysid._stays.descent import most_likely
@@ -81,7 +81,7 @@ def nats_of(found: Sequence[Settled], interval: float) -> float:
 
 
 def _settled(switches: Switches, context: GuardContext) -> list[Settled]:
-    """All transitions, with one surface for two opposite ones where that costs less."""
+    """All transitions, with one surface for several of them where that costs less."""
     pairs = np.unique(np.column_stack([switches.source, switches.target]), axis=0).tolist()
     found = {
         (source, target): settled(
@@ -89,10 +89,7 @@ def _settled(switches: Switches, context: GuardContext) -> list[Settled]:
         )
         for source, target in pairs
     }
-    for source, target in pairs:
-        if source < target and (target, source) in found:
-            both = found[source, target], found[target, source]
-            found[source, target], found[target, source] = _of_one_surface(*both, context)
+    found = with_shared_surfaces(found, context)
     return _with_tellers(list(found.values()), context)
 
 
@@ -107,28 +104,13 @@ def _with_tellers(found: list[Settled], context: GuardContext) -> list[Settled]:
         reached = where_it_rises(one.guard, *taken)
         never = [reached[:0]]
         for other, (columns, rates) in zip(found, crossed, strict=True):
+            reach = other.switches.reach(context.interval)
             exits = one.pair[0] == other.pair[0] and one.pair[1] != other.pair[1]
-            if exits and share_risen(one.guard, columns, rates, context.interval) > 0.5:
+            if exits and share_risen(one.guard, columns, rates, reach) > 0.5:
                 never.append(where_it_rises(one.guard, columns, rates))
         guard = with_teller(one.guard, np.vstack(never), reached, context.terms.degree)
         told.append(replace(one, guard=guard))
     return told
-
-
-def _of_one_surface(
-    there: Settled, back: Settled, context: GuardContext
-) -> tuple[Settled, Settled]:
-    """Two opposite transitions, with one surface for both unless two guards cost less."""
-    if there.guard is None or back.guard is None or there.reset or back.reset:
-        return there, back
-    both = context.crossed(there.switches), context.crossed(back.switches)
-    surface = surface_both_ways(*both, context.terms.degree, context.solved)
-    if surface is None:
-        return there, back
-    up, down = surface
-    if up.cost > there.guard.cost + back.guard.cost:
-        return there, back
-    return replace(there, guard=up), replace(back, guard=down)
 
 
 def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settled]:

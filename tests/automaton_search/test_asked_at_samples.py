@@ -50,7 +50,8 @@ def test_few_instants_may_lie_on_samples_by_chance(samples, are):
     times = STEP * np.arange(40)
     recordings = SimpleNamespace(times=[times, times], sampled=[np.arange(40)] * 2, interval=STEP)
     stays = [SimpleNamespace(instants=STEP * np.array(one, float)) for one in (samples, [])]
-    nodes = SimpleNamespace(stays=stays, recordings=recordings)
+    in_steps = np.zeros(len(samples), dtype=bool)
+    nodes = SimpleNamespace(stays=stays, recordings=recordings, in_steps=in_steps)
     assert at_samples(SimpleNamespace(estimate=SimpleNamespace(nodes=nodes))) == are
 
 

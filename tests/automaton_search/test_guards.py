@@ -14,7 +14,9 @@ def crossed(columns, rates, below, errors=1e-4, interval=0.1):
     n = len(below)
     below_rates, signs = np.tile(rates.mean(axis=0), (n, 1)), -np.ones(n)
     errors = np.full(len(columns), errors)
-    return Crossed(columns, rates, errors, below, below_rates, signs, interval)
+    ramps = np.zeros(len(columns))
+    shares = np.ones(n)
+    return Crossed(columns, rates, errors, ramps, below, below_rates, signs, shares, interval)
 
 
 def planted(normal, threshold, n=30):

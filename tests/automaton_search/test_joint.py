@@ -64,6 +64,7 @@ def recorded(plant, starts, t, noise, seed=0, inputs=None):
         np.array([source for source, _ in pairs]),
         len(plant.coef),
         np.concatenate([spread, u.std(axis=0), [np.ptp(t)] * 2]),
+        np.ones(len(pairs), dtype=bool),
     )
     resets = Resets.of([one.reset for one in plant.transitions], plant.n_states)
     nodes = nodes_of(courses, records, [run.x for run in runs], per_sample=1, first_step=1.0)
@@ -263,7 +264,7 @@ def thresholds(first, second):
     ]
     modes = np.array([0, 1])
     at, rates = np.array([[1.0, 0.0, 0.0]] * 2), np.array([[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
-    unknowns = TransitionGuards.of_transitions(guards, modes, 2, np.ones(3))
+    unknowns = TransitionGuards.of_transitions(guards, modes, 2, np.ones(3), modes >= 0)
     return unknowns.pivoted(Crossings(modes, 1 - modes, modes, at, rates, modes > 1, None))
 
 
