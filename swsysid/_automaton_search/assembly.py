@@ -46,8 +46,8 @@ class TransitionVerdict:
     largest_margin : float
         Of any guard of the same monomials: the optimum of the paper's margin program.
     n_coefficients : int
-        Of the guard. With no more switches than coefficients, shared ones among them, it is not determined: guards of other
-        columns tell the switches as well.
+        Of the guard. With no more switches than coefficients, shared ones among them, it is not
+        determined: guards of other columns tell the switches as well.
     rivals : tuple of str
         Guards of other columns, of no more, that tell the same switches to within two samples.
     n_shared : int

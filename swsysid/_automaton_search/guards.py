@@ -23,8 +23,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import blake2b
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -226,14 +226,18 @@ def guards_of_surface(
     found = best_guard(Crossed.joined(parts), degree, solved=solved)
     if found is None:
         return None
-    ends = np.cumsum([0, *(len(one.columns) for one in parts)])
-    own = [slice(*pair) for pair in pairwise(ends.tolist())]
     found = replace(found, cost=found.cost / len(parts))
-    guards = [
-        found.turned(sign, lambda one, sign=sign, rows=rows: sign * one.misses[rows])
-        for sign, rows in zip(signs, own, strict=True)
-    ]
-    return [replace(one, n_shared=int(ends[-1]) - len(one.misses)) for one in guards]
+    ends, guards = np.cumsum([len(one.columns) for one in parts]), []
+    for sign, last, part in zip(signs, ends, parts, strict=True):
+        rows = slice(last - len(part.columns), last)
+        turned = found.turned(sign, partial(_signed_misses, sign, rows))
+        guards.append(replace(turned, n_shared=int(ends[-1]) - len(part.columns)))
+    return guards
+
+
+def _signed_misses(sign: float, rows: slice, one: FoundGuard) -> Array:
+    """Of one way across a surface."""
+    return np.asarray(sign * one.misses[rows])
 
 
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
@@ -259,9 +263,7 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     return _with_margin(found, own, solved, degree) if (own.ramps > 0.0).all() else found
 
 
-def _with_margin(
-    found: FoundGuard, own: Crossed, solved: _Program, degree: int
-) -> FoundGuard:
+def _with_margin(found: FoundGuard, own: Crossed, solved: _Program, degree: int) -> FoundGuard:
     """The same as far as it can be from what is told on both sides by steps alone."""
     below, above = (solved.right & (own.signs == side) for side in (-1.0, 1.0))
     to_end = 0.5 * own.interval * own.rates

@@ -63,9 +63,10 @@ class Switches:
         return replace(self, errors=errors)
 
     def ramps(self, interval: float) -> Array:
-        """Times around those at steps, which are taken for ramps of an interval, nearly to the ends.
+        """Times around switches at steps at which their guard may be zero as well.
 
-        A guard that is zero at an end tells nothing of the inputs that are held there.
+        A step is taken for a ramp of an interval. A guard that is zero at its very end tells
+        nothing of the inputs that are held there.
         """
         return np.where(self.in_steps, (0.5 - SETTINGS.beyond) * interval, 0.0)
 

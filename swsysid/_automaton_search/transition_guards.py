@@ -70,7 +70,7 @@ class TransitionGuards(Guards):
         )  # fmt: skip
 
     def pivoted(self, at: Crossings | None = None) -> TransitionGuards:
-        """The same, one coefficient of each guard held that instants tell, and all of the others."""
+        """The same, one coefficient of each guard held, and all of one that no instant tells."""
         guards = super().pivoted(at)
         return replace(guards, free=guards.free & self.told[:, None])
 
@@ -149,4 +149,6 @@ def _sign(guard: PolynomialGuard, other: PolynomialGuard) -> float:
     """The number, 1 or -1, by which a guard is another one; 0 where it is none."""
     if not np.array_equal(guard.powers, other.powers):
         return 0.0
-    return next((sign for sign in (1.0, -1.0) if np.array_equal(guard.coef, sign * other.coef)), 0.0)
+    return next(
+        (sign for sign in (1.0, -1.0) if np.array_equal(guard.coef, sign * other.coef)), 0.0
+    )
