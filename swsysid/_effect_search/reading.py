@@ -29,7 +29,7 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.words import rate
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array, Trajectory
-from swsysid._stays.given import FEWEST_SAMPLES, Given, check_channels, read_given
+from swsysid._stays.given import FEWEST_SAMPLES, check_channels, read_given
 from swsysid._stays.start import named
 from swsysid.differentiation import choose_smoothing
 from swsysid.effects import Effect, all_effects
@@ -77,12 +77,13 @@ def read_recordings(
         )
     given = read_given(x, t, groups, inputs)
     check_channels(given)
-    positions, u = (np.vstack(parts) for parts in zip(*_columns(given), strict=True))
+    x = np.vstack([record.filled for record in given.records])
+    u = np.vstack([record.u for record in given.records])
     t = np.concatenate([record.t for record in given.records])
     labels = np.repeat(np.arange(len(given.records)), [len(record.t) for record in given.records])
-    states = positions if order == 1 else np.hstack([positions, slopes_of(positions, t, labels)])
+    columns = (x, u) if order == 1 else (x, slopes_of(x, t, labels), u)
     given = given.with_rates(order)
-    X = rows_of(search, named(np.hstack([states, u]), given.names), reset=True)
+    X = rows_of(search, named(np.hstack(columns), given.names), reset=True)
     logged = None if signals is None else _in_order(signals, np.concatenate(given.rows))
     records = make_records(
         X,
@@ -97,11 +98,6 @@ def read_recordings(
     if len(given.records) == 1 and groups is None:
         return Recorded(records, None)
     return Recorded(records, np.array([label_text(label) for label in given.labels]))
-
-
-def _columns(given: Given) -> Iterator[tuple[Array, Array]]:
-    """Measured channels and inputs of each recording."""
-    return ((record.filled, record.u) for record in given.records)
 
 
 def slopes_of(x: Array, t: Array, groups: NDArray[np.intp]) -> Array:
