@@ -14,6 +14,7 @@ from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._automaton_search.jumps import jumps_of
 from swsysid._cli.automaton import automaton_of, own_warnings
 from swsysid._cli.options import JobOptions
+from swsysid._cli.recorded import Recorded
 from swsysid._cli.runs import parted
 from swsysid._cli.samples import Samples, measure
 from swsysid._cli.text import described, preparation, units_of_displays
@@ -26,6 +27,7 @@ from swsysid._tables.table import Table, TableError
 from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import Terms
 from swsysid.diagnosis import EffectSearchCV
+from swsysid.differentiation import inspect_sensors
 from swsysid.differentiation._smoothing import LARGEST_GAP
 from swsysid.effects import Effect, all_effects, special_effects
 
@@ -50,14 +52,18 @@ class Diagnosis:
         if report.data is None or not report.of_rollouts:
             return False
         records = report.data.records
-        spread = records.X[:, : records.n_states].std(axis=0)
+        spread = records.X[:, : len(self.left)].std(axis=0)
         left = np.sqrt(np.mean(np.square(self.left / spread)))
-        rest = report.residual_before
-        return bool(left > JUDGING.half) or (report.clean and rest is not None and not rest.clean)
+        rest, free = report.residual_before, report.data.free
+        if rest is not None:
+            leaves_more = not rest.clean
+        else:  # nobody measured the velocities
+            leaves_more = free is not None and not free.holds
+        return bool(left > JUDGING.half) or (report.clean and leaves_more)
 
     @property
     def left(self) -> Array:
-        """What free rollouts with all that was found leave of what was held out, (n_states,).
+        """What free rollouts with all that was found leave of what was held out, (n_measured,).
 
         Empty where nothing was held out.
         """
@@ -164,11 +170,12 @@ def searched(
     """What a declared model lacks.
 
     States as they were measured are searched, for what a filter has smeared looks like other
-    effects; with order 2 velocities are those of the filter.
+    effects; with order 2 velocities are hidden.
     """
     search = EffectSearchCV(
         declared,
         effects=list(effects),
+        order=options.measurement.order if _is_recorded(samples, declared, options) else 1,
         input_hold=options.measurement.input_hold,
         n_jobs=options.n_jobs,
         random_state=options.random_state,
@@ -176,6 +183,15 @@ def searched(
     )
     with handing_over(None):
         return _fitted(search, samples, declared, options)
+
+
+def _is_recorded(samples: Samples, declared: SwitchingSystemRegressor, options: JobOptions) -> bool:
+    """Whether recordings are searched, not the velocities that a filter makes of them.
+
+    Of several laws what a filter made of positions is no recording: they would be smoothed twice.
+    """
+    smoothed = options.measurement.order == 2 and declared.n_modes != 1
+    return samples.recorded is not None and not smoothed
 
 
 def _fitted(
@@ -189,38 +205,34 @@ def _fitted(
     def frame(columns: NDArray, names: Sequence[str]) -> pd.DataFrame | None:
         return pd.DataFrame(columns, columns=list(names)) if len(names) else None
 
-    recorded, n_states = samples.recorded, len(samples.rate_names)
-    names, signal_names = samples.names, samples.signal_names
-    signals, t, groups = samples.signals, samples.t, samples.groups
-    # of several laws what a filter made of positions is no recording: they would be smoothed twice
-    smoothed = options.measurement.order == 2 and declared.n_modes != 1
-    if recorded is None or smoothed:
-        logged, several = frame(signals, signal_names), _several(groups, options)
-        given = samples.Xdot
+    recorded, signal_names = samples.recorded, samples.signal_names
+    if recorded is None or not _is_recorded(samples, declared, options):
+        logged = frame(samples.signals, signal_names)
+        several, given = _several(samples.groups, options), samples.Xdot
         if options.measurement.quantity:
             given = pd.Series(given[:, 0], name=samples.rate_names[0])
-        return search.fit(samples.frame, given, t=t, groups=several, signals=logged)
-    x, inputs = samples.X[:, :n_states], samples.X[:, n_states:]
+        return search.fit(samples.frame, given, t=samples.t, groups=several, signals=logged)
+    rows, names = recorded.of_samples(), samples.names
     if options.measurement.order == 2:
-        # where a sensor stays at its end a filter says nothing
-        assert t is not None
-        kept, groups = parted(t, groups, LARGEST_GAP, FEWEST_SAMPLES)
-        x, inputs, signals, t = x[kept], inputs[kept], signals[kept], t[kept]
-    else:
-        rows = recorded.of_samples()
-        x, inputs, signals, t, groups = (
-            rows.states,
-            rows.inputs,
-            rows.signals,
-            rows.t,
-            rows.groups,
-        )
+        rows = _inside(rows)
+    n_states = rows.states.shape[1]
     return search.fit(
-        frame(x, names[:n_states]),
-        t=t,
-        groups=_several(groups, options),
-        inputs=frame(inputs, names[n_states:]),
-        signals=frame(signals, signal_names),
+        frame(rows.states, names[:n_states]),
+        t=rows.t,
+        groups=_several(rows.groups, options),
+        inputs=frame(rows.inputs, names[len(samples.rate_names) :]),
+        signals=frame(rows.signals, signal_names),
+    )
+
+
+def _inside(rows: Recorded) -> Recorded:
+    """Rows at which no sensor of a position stays at its end, in parts without a gap."""
+    codes = np.unique(rows.groups.astype(str), return_inverse=True)[1]
+    inside = np.flatnonzero(~inspect_sensors(rows.states, codes).clipped.any(axis=1))
+    kept, parts = parted(rows.t[inside], rows.groups[inside], LARGEST_GAP, FEWEST_SAMPLES)
+    own = inside[kept]
+    return Recorded(
+        rows.states[own], rows.inputs[own], rows.signals[own], rows.t[own], groups=parts
     )
 
 

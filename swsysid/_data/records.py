@@ -52,6 +52,8 @@ class Records:
     quantity : str or None
         What the one law gives where that is the rate of no state: a force, a torque, a current.
         No column of X is a state then. None where the equations are those of states.
+    n_hidden : int
+        The last so many states are measured by nobody, and are what a filter makes of the others.
     holds : mapping of int to Hold
         What inputs do between two rows, those that keep a value; others are on lines. What acts a
         row before it is logged stands in that row.
@@ -69,6 +71,7 @@ class Records:
     rates: frozenset[int] = frozenset()
     positions: Mapping[int, int] = field(default_factory=dict)
     quantity: str | None = None
+    n_hidden: int = 0
     holds: Mapping[int, Hold] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -83,6 +86,11 @@ class Records:
     def n_inputs(self) -> int:
         """Number of columns of X after the states."""
         return self.X.shape[1] - self.n_states
+
+    @property
+    def n_measured(self) -> int:
+        """Number of states that are measured; the others are hidden."""
+        return self.n_states - self.n_hidden
 
     @property
     def held(self) -> frozenset[int]:

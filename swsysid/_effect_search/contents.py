@@ -321,6 +321,11 @@ class EffectContents(Parts):
     data: EffectData | None = None
 
     @property
+    def judged(self) -> tuple[str, ...]:
+        """Names of those of the equations that `errors` are of: hidden states have none."""
+        return self.targets[: len(self.errors[0]["held_out"])] if self.errors else self.targets
+
+    @property
     def clean(self) -> bool:
         """True if no effect was found, and no law that acts rarely or for some time."""
         return not self.effects and not self.acts_rarely and self.time_interval is None

@@ -20,6 +20,7 @@ from swsysid._data.windows import Windows
 from swsysid._effect_search.chance import independent_blocks
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import exact_below, memory, robust_scale, robust_weights, root_mean_square
+from swsysid._output_error.stretches import fewest_rows
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 
@@ -157,9 +158,12 @@ def split_records(records: Records, rng: np.random.RandomState, window: int = 1)
         order = rng.permutation(len(records))
         n_held = round(SETTINGS.held_out * len(records))
         return Split(np.sort(order[n_held:]), np.sort(order[:n_held]), "random rows")
-    trajectories = records.trajectories
-    if len(trajectories) < SETTINGS.fewest_trajectories:
-        return _separate_stretches(trajectories, window)
+    trajectories, fewest = records.trajectories, SETTINGS.fewest_trajectories
+    least = fewest_rows(records) if records.n_hidden else 1
+    if max(map(len, trajectories)) < 4 * least:  # a quarter of one is too short to be rolled out
+        fewest = 4
+    if len(trajectories) < fewest:
+        return _separate_stretches(trajectories, window, least)
     order = rng.permutation(len(trajectories))
     n_held = max(1, round(SETTINGS.held_out * len(trajectories)))
     held = np.concatenate([trajectories[place] for place in order[:n_held]])
@@ -167,9 +171,10 @@ def split_records(records: Records, rng: np.random.RandomState, window: int = 1)
     return Split(np.sort(kept), np.sort(held), f"{n_held} whole trajectories")
 
 
-def _separate_stretches(trajectories: list[Rows], window: int) -> Split:
-    """Every fourth stretch is held out, with a gap to its neighbours."""
-    per_trajectory = max(4, SETTINGS.n_stretches // len(trajectories))
+def _separate_stretches(trajectories: list[Rows], window: int, least: int) -> Split:
+    """Every fourth stretch is held out, with a gap to its neighbours, of `least` rows if it can."""
+    longest = max(map(len, trajectories))
+    per_trajectory = max(4, min(SETTINGS.n_stretches // len(trajectories), longest // least))
     kept, held = [], []
     for rows in trajectories:
         gap = max(2, window - 1, int(SETTINGS.gap * len(rows)))

@@ -112,16 +112,16 @@ def _errors(view: _View) -> Iterable[str]:
     yield paragraph(f"Root mean square error of {of}.")
     rows: list[list[object]] = []
     for row in report.errors:
-        each = zip(row["held_out"], report.errors[0]["held_out"], report.targets, strict=True)
+        each = zip(row["held_out"], report.errors[0]["held_out"], report.judged, strict=True)
         errors = (
             "exact" if name in report.exact else words.error(own, before)
             for own, before, name in each
         )
         rows.append([row["model"], *errors])
-    judged = [view.judged(state) for state in range(len(report.targets))]
+    judged = [view.judged(state) for state in range(len(report.judged))]
     yield table(["model", *judged], rows, kind="ladder")
     first, last = (np.array(report.errors[place]["held_out"]) for place in (0, -1))
-    known = np.array([name not in report.exact for name in report.targets])
+    known = np.array([name not in report.exact for name in report.judged])
     shares = 1.0 - np.divide(last, first, out=np.ones_like(first), where=known)
     lower = [
         f"{judged[state]}: {shares[state]:.0%} lower"
@@ -139,6 +139,9 @@ def _effects(view: _View) -> Iterable[str]:
 
 def _effect(view: _View, number: int, effect: FoundEffect) -> Iterable[str]:
     target = view.judged(effect.target)
+    if view.report.of_rollouts:  # of the state that comes closest to what was measured
+        ends = (np.array(one["held_out"]) for one in view.report.errors[number : number + 2])
+        target = view.judged(words.largest_fall(view.report, *ends)[0])
     yield paragraph(words.sentence(effect.meaning, view.data.records.names))
     if effect.placed.effect.terms:
         yield paragraph(f"Term: {effect.formula}")

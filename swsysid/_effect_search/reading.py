@@ -7,7 +7,7 @@ but made of the samples that they are given with; and declared laws may explain 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,8 @@ from swsysid._checks.arrays import names_of, table
 from swsysid._checks.estimators import column_names, rows_and_velocities, rows_of
 from swsysid._checks.parameters import shown
 from swsysid._data.records import Records, make_records
-from swsysid._data.trajectories import label_text
+from swsysid._data.trajectories import label_text, trajectories
+from swsysid._data.windows import Windows
 from swsysid._effect_model.declared import Declared
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_search.coloured_noise import Stretches
@@ -28,8 +29,9 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.words import rate
 from swsysid._noise import robust_scale, root_mean_square
 from swsysid._results import Array, Trajectory
-from swsysid._stays.given import check_channels, read_given
+from swsysid._stays.given import FEWEST_SAMPLES, check_channels, read_given
 from swsysid._stays.start import named
+from swsysid.differentiation import choose_smoothing
 from swsysid.effects import Effect, all_effects
 
 
@@ -55,9 +57,18 @@ def listed_effects(effects: object) -> list[Effect]:
 
 
 def read_recordings(
-    search: BaseEstimator, x: object, t: object, groups: object, signals: object, inputs: object
+    search: BaseEstimator,
+    x: object,
+    t: object,
+    groups: object,
+    signals: object,
+    inputs: object,
+    order: int = 1,
 ) -> Recorded:
-    """Check recordings of measured states and inputs; `search` learns the columns of both."""
+    """Check recordings of measured states and inputs; `search` learns the columns of both.
+
+    With order 2 positions are measured; speeds stand beside them as a filter makes them.
+    """
     if t is None and not isinstance(x, (list, tuple, Mapping, Trajectory)):
         # It begins with the sentence that scikit-learn's own checks of estimators look for.
         raise ValueError(
@@ -66,22 +77,35 @@ def read_recordings(
         )
     given = read_given(x, t, groups, inputs)
     check_channels(given)
-    parts = [np.column_stack([record.filled, record.u]) for record in given.records]
-    X = rows_of(search, named(np.vstack(parts), given.names), reset=True)
-    order = np.concatenate(given.rows)
-    logged = None if signals is None else _in_order(signals, order)
+    x = np.vstack([record.filled for record in given.records])
+    u = np.vstack([record.u for record in given.records])
+    t = np.concatenate([record.t for record in given.records])
+    labels = np.repeat(np.arange(len(given.records)), [len(record.t) for record in given.records])
+    columns = (x, u) if order == 1 else (x, slopes_of(x, t, labels), u)
+    given = given.with_rates(order)
+    X = rows_of(search, named(np.hstack(columns), given.names), reset=True)
+    logged = None if signals is None else _in_order(signals, np.concatenate(given.rows))
     records = make_records(
         X,
         given.n_channels,
-        t=np.concatenate([record.t for record in given.records]),
-        groups=np.repeat(np.arange(len(parts)), [len(part) for part in parts]),
+        t=t,
+        groups=labels,
         signals=logged,
         names=column_names(search),
         signal_names=None if logged is None else names_of(signals, logged.shape[1], "signal"),
     )
-    if len(parts) == 1 and groups is None:
+    records = replace(records, n_hidden=given.n_positions)
+    if len(given.records) == 1 and groups is None:
         return Recorded(records, None)
     return Recorded(records, np.array([label_text(label) for label in given.labels]))
+
+
+def slopes_of(x: Array, t: Array, groups: NDArray[np.intp]) -> Array:
+    """Slopes at every sample, by parabolas as long as the noise asks, shorter at the ends."""
+    chosen = choose_smoothing(x, t, groups, degree=2, too_short="drop", clipped="keep").window
+    runs = [rows for _, rows in trajectories(groups)]
+    windows = Windows(t, runs, (chosen or FEWEST_SAMPLES - 1) // 2)
+    return np.asarray(windows.slopes @ x)
 
 
 def read_rows(

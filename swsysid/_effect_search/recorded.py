@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from swsysid._data.records import Records
 from swsysid._effect_model.joint_fit import JointFit
 from swsysid._effect_regressor import EffectRegressor
-from swsysid._effect_search.contents import UnsureEffect
+from swsysid._effect_search.contents import UnsureEffect, stretches
 from swsysid._effect_search.contributions import beside_conventions, parameter_intervals, small_step
 from swsysid._effect_search.folds import Split
 from swsysid._effect_search.outcome import Tried
@@ -30,11 +30,12 @@ from swsysid._effect_search.report import (
     rung_errors,
     tried_in_words,
 )
+from swsysid._effect_search.rollouts import MOST_SAMPLES
 from swsysid._effect_search.words import NO_NAME, named, noise_floor
 from swsysid._noise import memory
 from swsysid._output_error.criterion import Left, go_astray
 from swsysid._output_error.engines import Finding
-from swsysid._output_error.estimate import Fit
+from swsysid._output_error.estimate import Fit, Fitted, starts
 from swsysid._output_error.law import Law, Slope
 from swsysid._output_error.scan import skipped, slope_of_sensor
 from swsysid._output_error.search import Search
@@ -119,7 +120,7 @@ class RecordedOutcome:
         places = [
             np.flatnonzero((column >= own.start) & (column < own.stop)) for own in wider.columns_of
         ]
-        left = np.nan_to_num(fit.misfits / fit.noise)
+        left = np.nan_to_num(fit.misfits)
         longer = max(memory(column, list(every.series)) for column in left.T)
         answers, slope = [], len(law.terms)
         for place, term in enumerate(law.terms):
@@ -152,7 +153,7 @@ class RecordedOutcome:
         for move in (-step, 0.0, step):
             law = fit.law.exchanged(place, replace(term, theta=(term.theta[0] + move,)))
             moved = self.search.engine.fitted(law, every, start, fit.noise, turns=1)
-            left = moved.left / fit.noise
+            left = moved.left / fit.noise[: moved.left.shape[1]]
             squares.append(np.nansum(np.square(left)))
         bend = max(squares[0] + squares[2] - 2.0 * squares[1], np.finfo(float).tiny)
         return np.array([[2.0 * step**2 / bend]])
@@ -171,7 +172,7 @@ class RecordedOutcome:
         return self.search.known(own.parts, asked, lambda: engine.fitted(law, self.every))
 
     def left_of(self, fit: Fit, stretches: Stretches) -> Array:
-        """Errors of free rollouts, or of the quantity that a law gives, (n_states,)."""
+        """Errors of free rollouts of measured states, or of the quantity that a law gives."""
         left = self.search.engine.left_of(fit, stretches)
         with np.errstate(over="ignore"):  # infinite where a rollout diverges
             return np.asarray(np.sqrt(np.nanmean(np.square(left), axis=0)))
@@ -191,7 +192,7 @@ class RecordedOutcome:
         records, terms = search.stretches.seen, self.models[-1].law.terms
         report = report_between(
             (self.joint_fits[1], self.joint_fits[2]),
-            measured.records.holding(records.holds),
+            self._started(measured.records.holding(records.holds)),
             measured.targets,
             self.split.of(measured.rows),
             models,
@@ -224,8 +225,20 @@ class RecordedOutcome:
             alarms=tuple(alarms),
             of_rollouts=not records.static,
         )
-        noise = [noise_floor(report, state) for state in range(len(report.targets))]
+        noise = [noise_floor(report, state) for state in range(len(report.judged))]
         return replace(report, effects=tuple(self.effects(noise)))
+
+    def _started(self, records: Records) -> Records:
+        """Records that begin where rollouts of what was held out do, if states are hidden."""
+        if not records.n_hidden:
+            return records
+        fit, X = self.models[-1], records.X.copy()
+        assert isinstance(fit, Fitted)
+        every = stretches(records, self.split.held_out_samples, None)
+        parts = tuple(rows[:MOST_SAMPLES] for _, rows in every if len(rows) > 2)
+        firsts = [part[0] for part in parts]
+        X[firsts, : records.n_states] = starts(fit, replace(self.held_out, parts=parts))
+        return records.with_columns(X)
 
     def effects(self, noise: Sequence[float]) -> list[FoundEffect]:
         """The effects with numbers, intervals and rivals, where errors have a noise beneath."""

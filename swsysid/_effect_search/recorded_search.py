@@ -6,7 +6,7 @@ one law is rolled out freely instead, and a law of a quantity fitted to rows (`_
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +30,7 @@ from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values
 from swsysid._results import Array
 from swsysid._stays.input_holds import told_holds
-from swsysid.effects import Effect
+from swsysid.effects import Effect, PlacedEffect
 from swsysid.effects._kinematics import positions_along
 
 # By what part the squares must fall where an input does otherwise. For plants made here whose
@@ -85,6 +85,7 @@ def searched_recordings(
     if other.records.holds == holds:
         return outcome
     search = replace(outcome.search, stretches=engine.stepped(law, other))
+    best = _refined(engine.fitted(best, search.stretches), search.values, lambda _: True).law
     models = tuple(search.model(engine.fitted(one, search.stretches)) for one in best.ladder)
     pairs = zip(outcome.findings, best.terms, strict=True)
     findings = tuple(replace(one, candidate=term) for one, term in pairs)
@@ -111,11 +112,7 @@ def _held(
         return replace(own, disturbance=as_logged.disturbance)
 
     def refined(stretches: Stretches) -> Fit:
-        fit = RATES.fitted(law, stretches)
-        for place, term in enumerate(law.terms):
-            if remembers(term):
-                fit = Values(RATES, stretches).refined(fit, place)
-        return fit
+        return _refined(RATES.fitted(law, stretches), Values(RATES, stretches), remembers)
 
     if input_hold != "auto":
         told = enumerate(told_holds(input_hold, records.n_inputs), n_states)
@@ -135,6 +132,14 @@ def _held(
             if 2.0 * (cost(tried) - cost(fit)) < np.log1p(-_CLEARLY):
                 best, fit = other, tried
     return best, law if fit is None else fit.law
+
+
+def _refined(fit: Fit, values: Values, which: Callable[[PlacedEffect], bool]) -> Fit:
+    """The same with values of least error of some of its effects."""
+    for place, term in enumerate(fit.law.terms):
+        if term.theta and which(term):
+            fit = values.refined(fit, place)
+    return fit
 
 
 def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
@@ -302,12 +307,15 @@ def _declared_law(declared: JointFit, stretches: Stretches) -> tuple[Law, dict[i
                 "and bounds out, or give velocities."
             )
         sought, known = ~told[0], values[0]
-    channels = stretches.seen.states
-    moved = {
-        q: v
-        for q, v in positions_along(stretches.seen, channels, stretches.parts).items()
-        if v in linear
-    }
+    channels, n_measured = stretches.seen.states, stretches.seen.n_measured
+    moved = {hidden - n_measured: hidden for hidden in channels[n_measured:]}
+    if not moved:
+        found = positions_along(stretches.seen, channels, stretches.parts)
+        moved = {q: v for q, v in found.items() if v in linear}
+    if not set(moved.values()) <= set(linear):
+        raise ValueError(
+            "order=2 needs every speed among the features of the library; add the linear terms."
+        )
     for state, velocity in moved.items():
         column, feature = X[:, velocity], linear[velocity]
         sought[state] = False

@@ -121,6 +121,11 @@ def with_velocities(declared: Declared, records: Records, targets: Array) -> Mea
 def from_states(declared: Declared, records: Records) -> Measured:
     """Velocities (next states in discrete time) of a record of measured states."""
     fit = as_stated(declared, records)
+    if records.n_hidden and (declared.n_modes != 1 or declared.discrete_time):
+        raise ValueError(
+            "order=2 asks what one law in continuous time lacks; declare n_modes=1, or identify "
+            "positions by TrajectoryIdentifier(order=2)."
+        )
     if declared.discrete_time:
         rows, targets = next_states(records)
         measured = Measured(records, targets, rows)
@@ -219,7 +224,9 @@ def _filtered(fit: JointFit, records: Records, states: Array, decoding: Decoded)
     targets += seen.averaged(added[decoding.modes, every])
     rows = windows.whole(max(1, round(windows.length / SETTINGS.rows_a_window)))
     noise = StateNoise.of(rest, windows)
-    return Measured(seen, targets, rows[decoding.sure[rows]], windows.length, records, noise)
+    # where velocities are hidden none is compared: nothing holds neighbours of what is held out
+    window = 1 if records.n_hidden else windows.length
+    return Measured(seen, targets, rows[decoding.sure[rows]], window, records, noise)
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,14 +59,15 @@ class EffectReport(EffectContents):
         Candidates tried in all rounds.
     errors : list of dict
         For the declared model and after each effect: ``model``, and the root mean square errors
-        ``search`` and ``held_out`` of each equation.
+        ``search`` and ``held_out`` of each equation; of positions alone those of the positions.
     effects : tuple of FoundEffect
     skipped : dict
         Kinds that were not looked for, and why.
     not_identifiable : tuple of str
         Candidates that the declared library spans already on these data.
     residual_before, residual_after : ResidualReport or None
-        What the declared model and the last one leave over on the held-out data.
+        What the declared model and the last one leave over on the held-out data; None of positions
+        alone, whose velocities nobody measured.
     guard_moved : float
         Share of the samples whose mode the effects changed.
     lost_modes : int
@@ -291,7 +292,8 @@ def _as_measured(measured: Measured | None) -> tuple[Array | None, Array | None]
     if measured is None or measured.recorded is None or measured.noise is None:
         return None, None
     recorded = measured.recorded
-    return recorded.X[:, : recorded.n_states], measured.noise.states
+    n_measured = recorded.n_measured
+    return recorded.X[:, :n_measured], measured.noise.states[:n_measured]
 
 
 def dropped(rounds: list[Round], kept: Sequence[PlacedEffect], records: Records) -> tuple[str, ...]:
@@ -359,9 +361,12 @@ def tried_in_words(one: Tried, records: Records) -> TriedEffect:
 def leftover(
     fit: JointFit, records: Records, targets: Array, split: Split, names: NDArray | None
 ) -> ResidualReport | None:
-    """The residual report of a fit on the held-out rows, None if these are too few for one."""
+    """The residual report of a fit on the held-out rows, None if these are too few for one.
+
+    None where states are hidden as well: velocities say what a filter has made of them.
+    """
     rows = split.held_out
-    if len(rows) < FEWEST_ROWS:
+    if len(rows) < FEWEST_ROWS or records.n_hidden:
         return None
     # Where the states have told the modes, a surface that is a little off is no finding.
     modes = fit.predict_modes(records)

@@ -21,7 +21,7 @@ from swsysid._results import Array, Status, Trajectory
 
 _MOST_ROLLOUTS = 4  # each has a picture of its own
 _ROLLOUT_ACCURACY = 1e-5  # of the spreads of the states: no one measures more
-_MOST_SAMPLES = 1000  # of one rollout: seconds of work, and all that a picture resolves
+MOST_SAMPLES = 1000  # of one rollout: seconds of work, and all that a picture resolves
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def rolled_out(
     """The first few stretches, the first thousand samples of each, simulated by both models."""
     done = []
     for name, rows in stretches[:_MOST_ROLLOUTS]:
-        part = records.take(rows[:_MOST_SAMPLES])
+        part = records.take(rows[:MOST_SAMPLES])
         if len(rows) > 1:
             t = np.asarray(part.t if part.timed else np.arange(len(part)), dtype=float)
             start = part.X[0, : part.n_states]
@@ -116,7 +116,7 @@ def rolled_out(
             before, after = (_rollout(model, part, t, discrete, start) for model in both)
             measured, ended = part.X[:, : part.n_states], (_why(before), _why(after))
             slides = after.status is Status.SWITCH_LIMIT
-            own = rows[:_MOST_SAMPLES]
+            own = rows[:MOST_SAMPLES]
             done.append(Rollout(name, t, measured, before.x, after.x, ended, slides, own, after))
     return tuple(done)
 
@@ -150,10 +150,10 @@ def free_of(
         own = model.in_recording(_number(records, one.rows))
         return _rollout(own, parts[course.label], one.t, discrete, start)
 
-    spread = np.std(np.vstack([one.measured for one in rollouts]), axis=0)
+    spread = np.std(np.vstack([one.measured for one in rollouts]), axis=0)[: len(noise)]
     known = np.maximum(noise, REPORT.least_noise * spread)
     each = SampleNoise.constant(known, [course.label for course in courses])
-    return judged(runs, courses, each, records.names[: records.n_states], unseen=True)
+    return judged(runs, courses, each, records.names[: len(noise)], unseen=True)
 
 
 def errors_of_all(rollouts: Sequence[Rollout]) -> tuple[float, float]:

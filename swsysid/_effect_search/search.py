@@ -35,6 +35,7 @@ from swsysid._effect_search.report import EffectReport
 from swsysid._effect_search.rollouts import errors_of_all
 from swsysid._journal import handing_over, offer
 from swsysid._results import IdentificationWarning
+from swsysid._stays.search import check_order
 from swsysid.exporting import ToOtherTools
 from swsysid.metrics._scorers import explained
 
@@ -81,6 +82,9 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
     max_effects : int, default=5
     significance : float, default=0.01
         Of an effect found by chance in the whole search of one.
+    order : {1, 2}, default=1
+        2: recordings of one law are of positions alone. Their velocities are hidden states, and
+        columns behind them in what is fitted; errors are those of the positions.
     input_hold : {"auto", "linear", "zero", "next", "between"} or a sequence, default="auto"
         What inputs of recordings with one law do between two rows, as `TrajectoryIdentifier` takes
         it; of what steps at an instant that is not known a line has the mean.
@@ -143,7 +147,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
 
     def __init__(
         self, estimator, *, effects="all", cv=None, scoring=None, max_effects=5, significance=0.01,
-        input_hold="auto", n_jobs=None, random_state=None, verbose=0, checkpoint=None,
+        order=1, input_hold="auto", n_jobs=None, random_state=None, verbose=0, checkpoint=None,
     ):  # fmt: skip
         self.estimator = estimator
         self.effects = effects
@@ -151,6 +155,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
         self.scoring = scoring
         self.max_effects = max_effects
         self.significance = significance
+        self.order = order
         self.input_hold = input_hold
         self.n_jobs = n_jobs
         self.random_state = random_state
@@ -353,10 +358,12 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
     def _measured(self, X, y, t, groups, signals, inputs) -> Measured:
         """Rows with velocities as they are given, or recordings and what follows from them."""
         if y is None:
-            recorded = read_recordings(self, X, t, groups, signals, inputs)
+            recorded = read_recordings(self, X, t, groups, signals, inputs, self.order)
             self._one_target, self._trajectory_names = False, recorded.names
             self._declared = declared_model(self._seeded, recorded.records)
             return from_states(self._declared, recorded.records)
+        if self.order == 2:
+            raise ValueError("order=2 is for positions whose velocities are hidden; leave y out.")
         records, velocities = read_rows(self, X, y, t, groups, signals, inputs)
         targets, self._one_target = velocities.reshape(len(velocities), -1), velocities.ndim == 1
         self._trajectory_names = None if groups is None else np.unique(groups)
@@ -381,6 +388,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
         function("scoring", self.scoring, "y_true and y_pred", also=(None,))
         whole("max_effects", self.max_effects, least=0)
         real("significance", self.significance, above=0, below=1)
+        check_order(self.order)
         jobs(self.n_jobs)
         random_numbers(self.random_state)
         verbosity(self.verbose)

@@ -80,7 +80,8 @@ def _nothing_found(report: EffectContents) -> str:
     if report.acts_rarely:
         return f"{none}, but a law acts rarely. {aside(report)}"
     left, free = report.residual_before, None if report.data is None else report.data.free
-    velocities, rollouts = left is None or left.clean, free is None or free.holds
+    rollouts = free is None or free.holds
+    velocities = rollouts if left is None else left.clean
     if report.alarms or not (velocities or (rollouts and report.of_rollouts)):
         return f"{none_is_sure(report) or none}; what is left over is not all noise."
     if velocities and rollouts:
@@ -143,7 +144,7 @@ def _risen(report: EffectContents) -> list[str]:
     """A sentence if the effects raise the held-out error of an equation."""
     if not report.effects:
         return []
-    both = zip(report.targets, *(report.errors[end]["held_out"] for end in (0, -1)), strict=True)
+    both = zip(report.judged, *(report.errors[end]["held_out"] for end in (0, -1)), strict=True)
     risen = [
         f"{judged(report, name)} ({after:.4g} instead of {before:.4g}"
         f"{_on_the_surface(report, state)})"
@@ -246,7 +247,7 @@ def not_kept(report: EffectContents) -> list[str]:
         f"{one['effect']}: {probability(one['p_value'])}; held-out error "
         + ", ".join(
             f"{judged(report, name)} {before:.4g} -> {after:.4g}"
-            for name, before, after in zip(report.targets, one["before"], one["after"], strict=True)
+            for name, before, after in zip(report.judged, one["before"], one["after"], strict=True)
         )
         + _of_rollouts(one["rollouts"])
         for one in report.tried
@@ -337,7 +338,7 @@ def _errors(report: EffectContents, units: Units) -> list[str]:
     """Held-out errors of every equation, one line a model."""
     what = "RMS error, free rollouts held out" if report.of_rollouts else "held-out RMS error"
     columns = [(what, "<1", [row["model"] for row in report.errors])]
-    for state, name in enumerate(report.targets):
+    for state, name in enumerate(report.judged):
         exact = name in report.exact  # where rounding is left
         every = [row["held_out"][state] for row in report.errors]
         errors = ["exact" if exact else error(one, every[0]) for one in every]

@@ -151,7 +151,7 @@ def rate_of(report: EffectContents, state: int) -> str:
 def largest_fall(report: EffectContents, before: Array, after: Array) -> tuple[int, float]:
     """The state whose error falls by the largest share, and that share."""
     # an equation that is exact, such as q' = v, has no error that could be lowered
-    exact = np.array([name in report.exact for name in report.targets])
+    exact = np.array([name in report.exact for name in report.judged])
     falls = np.where(exact, -np.inf, 1.0 - after / np.maximum(before, _LEAST))
     best = int(np.argmax(falls))
     return best, float(falls[best])

@@ -1,8 +1,8 @@
 r"""Two models compared by what their rollouts leave of stretches that neither was fitted to.
 
 *Size* is the share of the squares that the second takes away. *Evidence* is the logarithm of the
-ratio of their likelihoods on n such samples of d states, with as many independent ones as the
-memory m of what is left allows,
+ratio of their likelihoods on n such samples of d measured states, with as many independent ones as
+the memory m of what is left allows,
 
 .. math:: \frac nm \sum_k \log\frac{s_{0,k}}{s_{1,k}} - \frac d2 \log\frac nm .
 
@@ -32,7 +32,7 @@ _MOST = 1e100  # that a rollout leaves: one that leaves more has diverged
 class Left:
     """What rollouts of a model leave of stretches."""
 
-    samples: Array  # (n_samples, n_states)
+    samples: Array  # (n_samples, n_measured)
     series: tuple[Rows, ...]  # numbers of the samples of each stretch
 
     @property

@@ -39,8 +39,8 @@ class Regressed(Fit):
 
     @property
     def misfits(self) -> Array:
-        """Measured less predicted values, (n_samples, 1)."""
-        return self.left
+        """Measured less predicted values, in the noise, (n_samples, 1)."""
+        return self.left / self.noise
 
     def courses_of(self, numbers: Sequence[int]) -> Courses | None:
         """None: a row has no course."""
@@ -181,7 +181,7 @@ class Model:
 
     def loss(self, count: float) -> float:
         """Minus the log likelihood of all stretches as so many samples, with its price."""
-        return count * self.law.n_states * cost(self.fit) + price(self.law.n_parameters, count)
+        return count * len(self.fit.errors) * cost(self.fit) + price(self.law.n_parameters, count)
 
 
 def as_likely(models: Sequence[Model], count: float, significance: float) -> list[Model]:

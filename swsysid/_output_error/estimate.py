@@ -4,6 +4,9 @@ Rollouts of a real plant go astray by what nobody has declared. So the ties leav
 disturbance, in all of a stretch a multiple of the noise, and what that takes counts as misfit: what
 is minimised is the likelihood of a law with a disturbance of its own, which bends far less than
 that of rigid rollouts where a law breaks. With a larger one a shorter future is predicted.
+
+Of positions alone the speeds are states like any others, which no sample misses. What is left is
+that of the positions, the disturbance of a speed among it, as a share of the spread of either.
 """
 
 from __future__ import annotations
@@ -49,22 +52,22 @@ class Fit(ABC):
     """A law with coefficients, and what it leaves of the samples that they were fitted to."""
 
     law: Law
-    left: Array  # (n_samples, n_states)
+    left: Array  # (n_samples, n_measured)
 
     @property
     def errors(self) -> Array:
-        """Root mean squares of what is left, (n_states,)."""
+        """Root mean squares of what is left, (n_measured,)."""
         return np.asarray(np.sqrt(np.nanmean(np.square(self.left), axis=0)))
 
     @property
     @abstractmethod
     def noise(self) -> Array:
-        """What misfits are measured in, (n_states,)."""
+        """What misfits are measured in, hidden states too, (n_states,)."""
 
     @property
     @abstractmethod
     def misfits(self) -> Array:
-        """Measured less estimated values, (n_samples, n_states)."""
+        """Measured less estimated values, in the noise, (n_samples, n_measured)."""
 
     @abstractmethod
     def courses_of(self, numbers: Sequence[int]) -> Courses | None:
@@ -99,9 +102,10 @@ class Fitted(Fit):
 
     @property
     def misfits(self) -> Array:
-        """Measured less estimated states, (n_samples, n_states)."""
-        nodes = self.reached.estimate.nodes
-        return of_samples(nodes, nodes.y - self.reached.estimate.states)
+        """Measured less estimated states, in the noise, (n_samples, n_measured)."""
+        nodes, n_measured = self.reached.estimate.nodes, self.left.shape[1]
+        missed = (nodes.y - self.reached.estimate.states) / self.noise
+        return of_samples(nodes, missed[:, :n_measured])
 
     @property
     def noise(self) -> Array:
@@ -132,14 +136,16 @@ def fitted(
     `noise`; with `turns` 1 they are measured in that.
     """
     estimate, spread = _begun(law, stretches, start)
+    n_measured = stretches.records.n_measured
     if noise is None:
         noise = 0.3 * spread
     for turn in range(turns):
         is_near = start is not None or turn > 0
         reached = _reached(estimate, noise, stretches.disturbance, is_near)
-        left = _left(reached)
-        own = np.sqrt(np.nanmean(np.square(left), axis=0))
-        own = np.maximum(own, SETTINGS.least_noise * spread)
+        left = _left(reached, n_measured)
+        shares = np.sqrt(np.nanmean(np.square(left), axis=0)) / spread[:n_measured]
+        # a speed is disturbed by as large a share of its spread as its position
+        own = spread * np.resize(np.maximum(shares, SETTINGS.least_noise), len(spread))
         estimate = reached.estimate
         if turn + 1 == turns or not np.isfinite(own).all():
             break
@@ -161,7 +167,8 @@ def stepped(law: Law, stretches: Stretches) -> Stretches:
 @step
 def left_over(fit: Fitted, stretches: Stretches, start: Courses | None = None) -> Left:
     """What a fitted law leaves of other stretches, from the best starts."""
-    return Left(_left(_fixed(fit, stretches, start)), stretches.series)
+    left = _left(_fixed(fit, stretches, start), stretches.records.n_measured)
+    return Left(left, stretches.series)
 
 
 @step
@@ -170,6 +177,25 @@ def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
 
     Infinite where no start can be found, since whatever start leads away faster than numbers go.
     """
+    n_measured, best = stretches.records.n_measured, _freely(fit, stretches)
+    if best is None:
+        return np.full((len(stretches.rows), n_measured), np.inf)
+    return (best.problem.y - best.read)[:, :n_measured]
+
+
+@step
+def starts(fit: Fitted, stretches: Stretches) -> Array:
+    """States from which free rollouts of a fitted law come closest, (n_stretches, n_states).
+
+    Where none do, those that begin their estimate.
+    """
+    best = _freely(fit, stretches)
+    if best is None:
+        return stretches.records.X[[part[0] for part in stretches.parts], : fit.law.n_states]
+    return best.starts
+
+
+def _freely(fit: Fitted, stretches: Stretches) -> Rollouts | None:
     estimate = _fixed(fit, stretches, None).estimate
     nodes = estimate.nodes
     noise = fit.noise * of_samples(nodes, nodes.sizes)
@@ -180,9 +206,8 @@ def rolled_out(fit: Fitted, stretches: Stretches) -> Array:
     with np.errstate(over="ignore"):
         diverges = np.isinf(np.square(begun.slopes).sum())
     if diverges:
-        return np.full_like(measured, np.inf)
-    best, _ = problem.least(begun, SETTINGS.turns_of_starts, SETTINGS.closed)
-    return measured - best.read
+        return None
+    return problem.least(begun, SETTINGS.turns_of_starts, SETTINGS.closed)[0]
 
 
 def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
@@ -220,10 +245,11 @@ def _tie(estimate: Estimate, share: float) -> float:
     return float(share / np.sqrt(estimate.nodes.recordings.lengths.max()))
 
 
-def _left(reached: Reached) -> Array:
-    """Misfits with the disturbances that the ties allowed, in units of the states.
+def _left(reached: Reached, n_measured: int) -> Array:
+    """Misfits with the disturbances that the ties allowed, in units of the measured states.
 
-    Infinite where a rollout has diverged, NaN where nothing was measured.
+    Those of a hidden state count with the position whose speed it is. Infinite where a rollout has
+    diverged, NaN where nothing was measured, (n_samples, n_measured).
     """
     estimate, nodes = reached.estimate, reached.estimate.nodes
     weights = 1.0 / (reached.objective.tie * np.sqrt(nodes.parts))
@@ -232,8 +258,12 @@ def _left(reached: Reached) -> Array:
         gaps = np.zeros_like(left)
         gaps[nodes.begins + 1] = estimate.states[nodes.begins + 1] - estimate.ends()
         gaps[nodes.begins + 1] *= weights[:, None]
-        both = np.hypot(left, gaps)
-    return of_samples(nodes, np.where(np.isfinite(nodes.y) & ~np.isfinite(both), np.inf, both))
+        hidden = gaps[:, n_measured:] / reached.noise[n_measured:]
+        gaps, left = gaps[:, :n_measured], left[:, :n_measured]
+        if hidden.size:
+            gaps = np.hypot(gaps, hidden * reached.noise[:n_measured])
+        both, is_known = np.hypot(left, gaps), np.isfinite(nodes.y[:, :n_measured])
+    return of_samples(nodes, np.where(is_known & ~np.isfinite(both), np.inf, both))
 
 
 def of_samples(nodes: Nodes, rows: Array) -> Array:

@@ -203,7 +203,8 @@ def of_sensors(
     seen = stretches.corrected(law.terms).seen
     missed = np.nan_to_num(rolled_out, posinf=0.0)  # of what diverges nothing is told
     for effect, place in ((one, place) for one in effects for place in one.places(seen)):
-        if law.n_states < 2 or effect.missing(seen) is not None:
+        n_measured = missed.shape[1]
+        if n_measured < 2 or place >= n_measured or effect.missing(seen) is not None:
             continue
         (parameter,) = effect.parameters(seen, place)
         slope = slope_of_sensor(PlacedEffect(effect, place, int(place), theta=(0.0,)), stretches)
