@@ -11,8 +11,8 @@ from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.rollouts import band_of
 from swsysid._automaton_search import continuous, sampled
 from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_search.crossed import GuardTerms
 from swsysid._automaton_search.doubts import strays, untold_switches
-from swsysid._automaton_search.guards import GuardTerms
 from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid._automaton_search.judged import rollout_score
 from swsysid._automaton_search.report import AutomatonReport

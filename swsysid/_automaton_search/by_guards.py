@@ -43,6 +43,8 @@ def with_stays_by_guards(
         if told is None:
             break
         told = told_in_modes(told)
+        if (told.left > SETTINGS.most_excess * stays.left).any():  # no noise hides such stays
+            break
         others = guards_of(told)
         if not follows_better(judge(told, others), judge(stays, found)):
             break

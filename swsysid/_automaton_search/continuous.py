@@ -32,6 +32,7 @@ from swsysid._automaton_search.assembly import (
 )
 from swsysid._automaton_search.by_guards import with_stays_by_guards, with_steps_of
 from swsysid._automaton_search.certificates import certificates
+from swsysid._automaton_search.crossed import GuardTerms
 from swsysid._automaton_search.cutting import Cut, Cutting, apart, search_of
 from swsysid._automaton_search.doubts import ASKED_AT_SAMPLES, shared_exits
 from swsysid._automaton_search.elsewhere import (
@@ -42,7 +43,7 @@ from swsysid._automaton_search.elsewhere import (
 )
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.found import FoundTransition, Told
-from swsysid._automaton_search.guards import GuardTerms, share_risen
+from swsysid._automaton_search.guards import share_risen
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.judged import (
     Guards,

@@ -15,14 +15,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_search.crossed import Crossed, GuardTerms
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
-from swsysid._automaton_search.guards import (
-    Crossed,
-    GuardTerms,
-    Solved,
-    best_guard,
-    blurred_by,
-)
+from swsysid._automaton_search.guards import Solved, best_guard, blurred_by
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits

@@ -13,12 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from swsysid._automaton_search.conditions import with_teller
-from swsysid._automaton_search.guards import (
-    GuardTerms,
-    missed_by,
-    share_risen,
-    where_it_rises,
-)
+from swsysid._automaton_search.crossed import GuardTerms
+from swsysid._automaton_search.guards import missed_by, share_risen, where_it_rises
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.one_surface import with_shared_surfaces
 from swsysid._automaton_search.settings import SETTINGS

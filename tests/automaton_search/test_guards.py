@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swsysid._automaton_search.guards import Crossed, best_guard
+from swsysid._automaton_search.crossed import Crossed
+from swsysid._automaton_search.guards import best_guard
 
 RNG = np.random.default_rng(0)
 

@@ -1,5 +1,7 @@
 """Ways into one mode that cross one surface: a dead zone and three levels of a held input."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -85,3 +87,32 @@ def test_levels_of_a_held_input_lie_on_both_sides_of_surfaces():
         between = 0 if 0 in (source, target) and target != 2 else 1
         assert between < at < between + 1
     assert found.report_.rollouts.holds and "same guard" not in str(found.report_)
+
+
+def test_stays_that_guards_tell_and_the_laws_refute_are_not_taken():
+    """A motor with dry friction that sticks: told by its guards the laws left .12 for .038."""
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.uniform(-6.0, 6.0, 30), 20)
+    x, inner = [0.0], 200
+    for force in 3.0 * u[:-1]:
+        w = x[-1]
+        for _ in range(inner):  # Euler's steps that stop at zero where friction holds
+            drive = force - 1.2 * w - 4.0 * np.sign(w if w != 0.0 else force)
+            held = w == 0.0 and abs(force) <= 4.0
+            after = w if held else w + 0.04 / inner * drive
+            w = 0.0 if w * after < 0.0 else after
+        x.append(w)
+    x = np.array(x)[:, None]
+    measured = x + 0.01 * x.std() * rng.standard_normal(x.shape)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # not every way out of rest was taken twice
+        found = HybridAutomatonRegressor(
+            3, feature_library=1, input_hold="zero", random_state=0
+        ).fit(measured, 0.04 * np.arange(len(u)), inputs=u[:, None])
+    share = np.bincount(found.modes_) / len(u)
+    moving = np.argsort(-share)[:2]
+    order = moving[np.argsort(found.coef_[moving, 0, 0])]
+    # [-4, 4] - 1.2 x + 3 u; of six within four standard errors chance leaves one in 2,600
+    errors = found.coef_errors_[order][:, 0]
+    assert (np.abs(found.coef_[order][:, 0] - [[-4, -1.2, 3], [4, -1.2, 3]]) < 4.0 * errors).all()
+    assert found.noise_[0] < 1.1 * 0.01 * x.std()
