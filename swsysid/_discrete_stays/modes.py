@@ -35,7 +35,7 @@ from swsysid._discrete_stays.rows import (
     scale_of,
     switching_of,
 )
-from swsysid._discrete_stays.states import StateFit
+from swsysid._discrete_stays.states import StateFit, StateProblem
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief
@@ -79,6 +79,22 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
     if fit.guards:
         again = replace(again, of_switches=_of_switches(data, again, found))
     return again, likelihood
+
+
+def decoded_anew(data: DiscreteData, found: StateFit, scale: Array, like: RowFit) -> RowFit:
+    """The modes of rows of which no states are known yet, by laws and noises of others.
+
+    `scale` is what the laws leave of rows; switches are as likely, and guards those, of a fit.
+    """
+    every = StateProblem(
+        data, np.zeros(len(data.rows), dtype=np.intp), found.coef[:, 0] != 0.0, found.noise,
+        found.tie,
+    )  # fmt: skip
+    nothing = np.zeros((len(data.rows), data.rows.n_states))
+    measured = replace(found, states=every.y, back=every.back, left=nothing)
+    fit = assigned(data.problem, found.coef, scale, like.switching)
+    fit = replace(fit, unexplained=np.ones(len(data.rows), dtype=bool), guards=like.guards)
+    return reassigned(data, fit, measured)[0]
 
 
 def _of_switches(data: DiscreteData, fit: RowFit, found: StateFit) -> float:
