@@ -34,8 +34,9 @@ MOST_LINES = {
     "datasets": 2510,
     "differentiation": 1610,
     # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it;
-    # modes of averages where noise hides a step, one law in the place of two
-    "_discrete_stays": 2850,
+    # modes of averages where noise hides a step, one law in the place of two; what a guard that has
+    # not risen says of states
+    "_discrete_stays": 2900,
     # a plane of the columns that decide the mode
     "_displays": 1610,
     # formulas of models with effects; what is known beside effects
