@@ -56,14 +56,10 @@ class StaySearch:
     def best(self, n_modes: int | None) -> Searched:
         """The best identification, with so many modes or as many as the data ask for."""
         by_rows = RowSearch(self.part, self.max_modes).fits(n_modes)
-        found = [Found(fit, None, fit.history) for fit in by_rows]
-        exact = any(_is_exact(fit) for fit in by_rows)
-        if not exact:
-            found += self._by_averages(n_modes)
-        if n_modes is not None:
-            most = max(len(one.coef) for one in found if len(one.coef) <= n_modes)
-            found = [one for one in found if len(one.coef) == most]
-        if not exact:
+        every = [Found(fit, None, fit.history) for fit in by_rows]
+        found = _so_many(every, n_modes)
+        if not any(_is_exact(one.fit) for one in found):
+            found = _so_many([*every, *self._by_averages(n_modes)], n_modes)
             found = self._hopeful(found, _HOPELESS[0])
             of_rows = [one for one in found if one.states is None]
             found = [one for one in found if one.states is not None]
@@ -123,6 +119,14 @@ class StaySearch:
         found = followed(self.data, found, found.coef, scale)
         found = with_more(self.data, found, most, lambda found: [found.fit.unexplained])
         return without_twins(self.data, parted_stays(self.data, found, most) or found)
+
+
+def _so_many(found: list[Found], n_modes: int | None) -> list[Found]:
+    """Those with so many modes, or with the most below; all where none are asked for."""
+    if n_modes is None:
+        return found
+    most = max(len(one.coef) for one in found if len(one.coef) <= n_modes)
+    return [one for one in found if len(one.coef) == most]
 
 
 def _is_exact(fit: RowFit) -> bool:
