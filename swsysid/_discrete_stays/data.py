@@ -99,18 +99,18 @@ class DiscreteData:
         """Some of the rows, in the same units."""
         return replace(self, rows=self.rows.take(rows), row_features=self.row_features[rows])
 
-    def part(self) -> DiscreteData:
+    def rows_of_part(self) -> NDArray[np.intp]:
         """Pieces of the recordings that are enough to compare laws, spread over all of them."""
         n = len(self.rows)
         if n <= _MOST_SEARCHED:
-            return self
+            return np.arange(n)
         place, stretch = self.problem.places
         pieces = np.column_stack([stretch, place // _PIECE])
         piece = np.unique(pieces, axis=0, return_inverse=True)[1].ravel()
         n_pieces = int(piece.max()) + 1
         count = max(1, _MOST_SEARCHED * n_pieces // n)
         kept = np.linspace(0, n_pieces - 1, count).round().astype(int)
-        return self.take(np.flatnonzero(np.isin(piece, kept)))
+        return np.flatnonzero(np.isin(piece, kept))
 
 
 @lru_cache(maxsize=32)

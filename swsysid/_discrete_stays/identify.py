@@ -16,20 +16,15 @@ from swsysid._checks.parameters import whole
 from swsysid._data.features import FeatureMap
 from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.found import Found, lasting_only
 from swsysid._discrete_stays.lagged import KnownGuard, Labels, LaggedRows, lagged_rows
 from swsysid._discrete_stays.modes import reassigned
+from swsysid._discrete_stays.more_modes import finer_modes
 from swsysid._discrete_stays.orders import LagCandidate, choose_lags, with_own_orders
 from swsysid._discrete_stays.persistence import goes_on
 from swsysid._discrete_stays.relations import parted_by_relations
 from swsysid._discrete_stays.rows import RowFit
-from swsysid._discrete_stays.search import (
-    DiscreteCandidate,
-    Found,
-    Searched,
-    StaySearch,
-    finer_modes,
-    lasting_only,
-)
+from swsysid._discrete_stays.search import DiscreteCandidate, Searched, StaySearch
 from swsysid._discrete_stays.states import NoiseProfile, with_states
 from swsysid._journal import step
 from swsysid._known.known import Known

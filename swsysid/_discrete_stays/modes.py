@@ -35,7 +35,7 @@ from swsysid._discrete_stays.rows import (
     scale_of,
     switching_of,
 )
-from swsysid._discrete_stays.states import StateFit
+from swsysid._discrete_stays.states import StateFit, StateProblem
 from swsysid._results import Array
 from swsysid._stays.decoding import decode
 from swsysid._stays.filtering import Belief
@@ -79,6 +79,22 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
     if fit.guards:
         again = replace(again, of_switches=_of_switches(data, again, found))
     return again, likelihood
+
+
+def decoded_anew(data: DiscreteData, found: StateFit, scale: Array, like: RowFit) -> RowFit:
+    """The modes of rows of which no states are known yet, by laws and noises of others.
+
+    `scale` is what the laws leave of rows; switches are as likely, and guards those, of a fit.
+    """
+    every = StateProblem(
+        data, np.zeros(len(data.rows), dtype=np.intp), found.coef[:, 0] != 0.0, found.noise,
+        found.tie,
+    )  # fmt: skip
+    nothing = np.zeros((len(data.rows), data.rows.n_states))
+    measured = replace(found, states=every.y, back=every.back, left=nothing)
+    fit = assigned(data.problem, found.coef, scale, like.switching)
+    fit = replace(fit, unexplained=np.ones(len(data.rows), dtype=bool), guards=like.guards)
+    return reassigned(data, fit, measured)[0]
 
 
 def _of_switches(data: DiscreteData, fit: RowFit, found: StateFit) -> float:
@@ -174,6 +190,10 @@ class MapFilter:
         lost = ~(np.abs(mean) < self.farthest).all(axis=2)
         mean[lost], transition[lost] = 0.0, np.eye(n_columns) * self.farthest / self.noise
         covariance = transition @ wide[:, None] @ transition.transpose(0, 1, 3, 2)
+        told, known = self.switching.told(modes.ravel(), x, wide, u)
+        mean += np.matmul(transition, told[..., None])[..., 0]
+        known = np.matmul(transition, known[..., None])
+        covariance -= known * known.transpose(0, 1, 3, 2)
         every = np.arange(n_columns)
         covariance[:, :, every, every] += self.disturbance**2
         old, new = np.repeat(modes.ravel(), self.n_modes), np.tile(np.arange(self.n_modes), len(x))
@@ -212,7 +232,8 @@ class Switching:
         if not self.guards:
             return np.asarray(np.log(often[rows, new]))
         leaves = often.copy()
-        for one, value, spread in zip(self.guards, *self._values(mean, covariance, u), strict=True):
+        values = self._risen(mean, covariance, u)[:2]
+        for one, value, spread in zip(self.guards, *values, strict=True):
             own = old == one.source
             leaves[own, one.target] = norm.cdf(value[own] / spread[own])
         leaves[rows, old] = 0.0
@@ -221,8 +242,43 @@ class Switching:
         told = (1.0 - self.doubt) * leaves + self.doubt * often
         return np.asarray(np.log(told[rows, new]))
 
-    def _values(self, mean: Array, covariance: Array, u: Array) -> tuple[Array, Array]:
-        """Value and deviation of every guard, (n_guards, n_rows) both."""
+    def told(self, old: Modes, mean: Array, covariance: Array, u: Array) -> tuple[Array, Array]:
+        r"""How far states move once the next mode is known, and what is then known of them.
+
+        Both (n_rows, n_modes, n_columns). A guard that has not risen at a row was below zero there,
+        and one whose transition is taken was not: of a normal value :math:`g` that is the mean and
+        the variance of a normal one cut off at zero, and the states go along. Without it a mode
+        that is near its guard for many rows is left at each of them anew, as if the state were
+        drawn again. The covariance shrinks by the product of the second with itself.
+        """
+        shift = np.zeros((len(old), self.n_modes, mean.shape[1]))
+        known = np.zeros_like(shift)
+        if not self.guards:
+            return shift, known
+        value, spread, slopes = self._risen(mean, covariance, u)
+        nearest = np.full(len(old), -np.inf)  # of the guards that have not risen
+        for place, one in enumerate(self.guards):
+            own = np.flatnonzero(old == one.source)
+            z = value[place, own] / spread[place, own]
+            gain = np.einsum("rij,rj->ri", covariance[own], slopes[own, place])
+            gain /= spread[place, own][:, None]
+            stays = z > nearest[own]
+            for rows, modes, sign in (
+                (stays, old[own], -1.0), (slice(None), np.full(len(own), one.target), 1.0)
+            ):  # fmt: skip
+                beyond = z[rows] * sign
+                pull = np.exp(norm.logpdf(beyond) - norm.logcdf(beyond))
+                cut = np.sqrt((pull * (pull + beyond)).clip(0.0, 1.0))
+                p = norm.cdf(beyond)
+                obeyed = (1.0 - self.doubt) * p / ((1.0 - self.doubt) * p + self.doubt)
+                at = own[rows], modes[rows]
+                shift[at] = (obeyed * sign * pull)[:, None] * gain[rows]
+                known[at] = (np.sqrt(obeyed) * cut)[:, None] * gain[rows]
+            nearest[own] = np.maximum(nearest[own], z)
+        return shift, known
+
+    def _risen(self, mean: Array, covariance: Array, u: Array) -> tuple[Array, Array, Array]:
+        """Value and deviation of every guard, (n_guards, n_rows) both, and slopes of the values."""
 
         def values(columns: Array) -> Array:
             columns = columns * self.unit
@@ -231,4 +287,4 @@ class Switching:
         value, slopes = slopes_of(values, np.hstack([mean, u]), np.ones(mean.shape[1]))
         variance = np.einsum("rgi,rij,rgj->rg", slopes, covariance, slopes)
         width = np.array([one.width for one in self.guards])
-        return value.T, np.sqrt(variance.clip(0.0) + width**2).T
+        return value.T, np.sqrt(variance.clip(0.0) + width**2).T, slopes

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import FARTHEST, DiscreteData
+from swsysid._discrete_stays.found import Found
 from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.rows import fitted
-from swsysid._discrete_stays.search import Found, Searched
+from swsysid._discrete_stays.search import Searched
 from swsysid._discrete_stays.states import with_states
 from swsysid._results import Array
 

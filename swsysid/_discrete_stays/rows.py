@@ -144,6 +144,17 @@ def assigned(problem: RowProblem, coef: Array, scale: Array, switching: float) -
     return as_fit(problem, coef, scale, switching, modes, costs)
 
 
+def of_modes(problem: RowProblem, modes: Labels, n_modes: int) -> RowFit:
+    """Laws of least squares of given modes, -1 for rows that no law explains."""
+    free = np.ones((n_modes, problem.features.shape[1]), dtype=bool)
+    coef = np.zeros((n_modes, problem.targets.shape[1], problem.features.shape[1]))
+    coef = fitted(problem, modes, coef, free)
+    scale = scale_of(problem, coef, modes, free.sum(axis=1))
+    costs = row_costs(problem, coef, scale)
+    fit = as_fit(problem, coef, scale, switching_of(modes, problem), modes.clip(0), costs)
+    return replace(fit, unexplained=modes < 0)
+
+
 def _price(n_modes: int, switching: float) -> float:
     """Nats that a switch takes."""
     return max(0.0, float(np.log((1.0 - switching) / switching * max(1, n_modes - 1))))

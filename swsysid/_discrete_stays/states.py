@@ -41,7 +41,10 @@ from swsysid._stays.descent import descended
 from swsysid._stays.laws import slopes_of
 from swsysid._stays.settings import SETTINGS as STAYS
 
-_MOST_STEPS, _LEAST_NOISE = 10, 1e-7
+_LEAST_NOISE = 1e-7
+# Steps of a descent in the course of a search, and of one that decides by itself: laws of few rows
+# are still some hundred nats from their best after ten, and are there after twenty to fifty.
+_MOST_STEPS, PATIENT_STEPS = 10, 50
 
 # Profiles over the ratio of both noises compare tenths of a nat.
 _CLOSELY = replace(STAYS, converged=1e-6)
@@ -233,6 +236,7 @@ def with_states(
     tie: Array | float,
     near: StateFit | None = None,
     free: NDArray[np.bool_] | None = None,
+    most_steps: int = _MOST_STEPS,
 ) -> StateFit:
     """Laws, states and noise of highest likelihood, with the modes of a fit by rows.
 
@@ -250,7 +254,7 @@ def with_states(
     if problem.region is not None:
         coef = problem.region.nearest(coef, own, np.eye(int(own.sum())))
     trial = LawsAndStates(coef, own, states)
-    found, _ = descended(trial, problem, _MOST_STEPS, _CLOSELY)
+    found, _ = descended(trial, problem, most_steps, _CLOSELY)
     left = problem.left(found.coef, found.states, data.features(problem.columns(found.states)))
     noise = _noise(problem, found.states, left, tie)
     problem = StateProblem(data, fit.lawful, free, noise, tie)
@@ -295,6 +299,17 @@ def law_covariance(
     if problem.region is not None:
         variances[problem.region.fixed[0]] = 0.0
     return variances
+
+
+def law_information(data: DiscreteData, fit: RowFit, found: StateFit) -> Array:
+    """What rows tell of each law for itself, (n_modes, n_coef, n_coef) by states and features."""
+    free = np.ones(found.coef[:, 0].shape, dtype=bool)
+    problem = StateProblem(data, fit.lawful, free, found.noise, found.tie)
+    every = np.ones(found.coef.shape, dtype=bool)
+    equations = problem.normal_equations(LawsAndStates(found.coef, every, found.states))
+    n = found.coef[0].size
+    parts = equations.arrow.schur.reshape(len(free), n, len(free), n)
+    return np.array([parts[mode, :, mode] for mode in range(len(free))])
 
 
 def with_own_ratio(data: DiscreteData, fit: RowFit, found: StateFit) -> StateFit:

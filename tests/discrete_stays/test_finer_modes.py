@@ -5,9 +5,10 @@ import numpy as np
 from swsysid._data.features import FeatureMap
 from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.found import Found
 from swsysid._discrete_stays.lagged import lagged_rows
+from swsysid._discrete_stays.more_modes import finer_modes
 from swsysid._discrete_stays.rows import alternate
-from swsysid._discrete_stays.search import Found, finer_modes
 
 RATES, LEVELS = (0.97, 0.95), (2.0, -2.0)
 

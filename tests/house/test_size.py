@@ -22,7 +22,8 @@ MOST_LINES = {
     # guards of several conditions; SpaceEx with settings, pruned; maps in blocks of rows
     "_automaton": 3530,
     # two conditions, few columns, ways out of a mode, stays told by guards; automata of maps by
-    # free rollouts; what is known; errors of guards and resets; instants that lie on samples
+    # free rollouts; what is known; errors of guards and resets; instants that lie on samples; guards
+    # at steps of inputs, surfaces of several ways
     "_automaton_search": 6180,
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
@@ -33,8 +34,10 @@ MOST_LINES = {
     "_data": 2520,
     "datasets": 2510,
     "differentiation": 1610,
-    # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it
-    "_discrete_stays": 2580,
+    # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it;
+    # modes of averages where noise hides a step, one law in the place of two; what a guard that has
+    # not risen says of states
+    "_discrete_stays": 2900,
     # a plane of the columns that decide the mode
     "_displays": 1610,
     # formulas of models with effects; what is known beside effects
@@ -86,7 +89,7 @@ MOST_LINES = {
 }
 # a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,
 # `refinement/_known`, `_surfaces/parameters`
-MOST_FILES = 434
+MOST_FILES = 438
 MOST_SETTINGS = 380
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
