@@ -97,10 +97,14 @@ def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> Fo
     # switches far below the guard may be none of it, and then say nothing of what holds besides
     near = reached[~(found.guard.values(reached) < -SETTINGS.near)]
     for own in (near, reached) if 0 < len(near) < len(reached) else (reached,):
+        before = np.inf
         for both in _of_two(never, ends, own, degree):
             nats = exits.nats(both.whole, target)
             if nats < least and holds(both.whole, own).any():
                 best, least = both, nats
+            if nats >= before:
+                break
+            before = nats
     return best
 
 
@@ -114,7 +118,8 @@ def _of_two(
             break
         first = told_apart(never[~left], reached, degree)
         # a row of another exit that the first condition tells may be one that the second does too
-        seconds = [told_apart(never[own], reached, degree) for own in (left | ends, left)]
+        tried = (left | ends, left) if (ends & ~left).any() else (left,)
+        seconds = [told_apart(never[own], reached, degree) for own in tried]
         second = min((one for one in seconds if one), key=lambda one: one.cost, default=None)
         if first is None or second is None:
             break

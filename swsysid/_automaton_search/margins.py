@@ -177,12 +177,15 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard 
 
 
 def _told(below: Array, above: Array, rising: Array) -> Array | None:
-    """Coefficients, those without the switches that they miss unless more rows are wrong then."""
+    """Coefficients, those without the switches that they miss unless more rows are wrong then.
+
+    Others than the fewer ones are not left out.
+    """
     coef = _separating(below, above, rising)
     if coef is None:
         return None
     told = above @ coef >= 0.0
-    if told.all() or not told.any():
+    if told.all() or told.mean() <= 0.5:
         return coef
     others = _separating(below, above[told], rising)
     if others is None:
