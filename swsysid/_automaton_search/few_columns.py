@@ -149,7 +149,7 @@ def of_least_degree(
 
 def cheapest_guard(
     given: Array,
-    guard_of: Callable[[NDArray[np.intp]], FoundGuard | None],
+    guard_of: Callable[[NDArray[np.intp], float], FoundGuard | None],
     interval: float,
     random: float,
     *,
@@ -162,7 +162,7 @@ def cheapest_guard(
     cheapest ones that tell the same switches to within samples, which are an `interval` apart.
     `given` are the columns at its switches, (n_switches, n_columns). A guard of more columns whose
     terms, straight ones of `random` nats each at least, alone cost too much is not asked: `most` is
-    what any may cost.
+    what any may cost. ``guard_of(columns, least)`` may end once it costs more than the least.
     """
     n_columns = given.shape[1]
     counts = range(1, min(SETTINGS.most_columns, n_columns) + 1)
@@ -179,12 +179,12 @@ def cheapest_guard(
         if is_dear(some):
             put_off.append(some)
             continue
-        tried.append(guard_of(some))
+        tried.append(guard_of(some, most if best is None else min(best.cost, most)))
         best = simplest([best, tried[-1]])
     if best is None:
         return None
     # rivals are of no more columns than the best has in the end
-    tried += [guard_of(some) for some in put_off if len(some) <= len(best.some)]
+    tried += [guard_of(some, best.cost) for some in put_off if len(some) <= len(best.some)]
     every = [one for one in tried if one is not None]
     rivals: list[FoundGuard] = []
     for one in sorted(every, key=lambda one: (len(one.some), one.cost)):

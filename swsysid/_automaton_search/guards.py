@@ -141,7 +141,9 @@ def best_guard(
 
     if some is not None:
         return guard_of(some)
-    return cheapest_guard(crossed.columns, guard_of, crossed.interval, SETTINGS.unexplained)
+    return cheapest_guard(
+        crossed.columns, lambda some, _: guard_of(some), crossed.interval, SETTINGS.unexplained
+    )
 
 
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:

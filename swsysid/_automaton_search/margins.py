@@ -100,7 +100,7 @@ def guard_with_margin(
     told = [_stated(guard, sides) for guard in stated]
     return cheapest_guard(
         np.where(np.isfinite(sides.last), sides.reached, np.nan),
-        lambda some: guard_of_columns(sides, some, degree),
+        lambda some, least: guard_of_columns(sides, some, degree, least),
         1.0,
         sides.random,
         best=min((one for one in told if one), key=lambda one: one.cost, default=None),
@@ -143,15 +143,25 @@ def _missed(guard: PolynomialGuard, reached: Array) -> Array:
     return np.maximum(0.0, -guard.values(reached))
 
 
-def guard_of_columns(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
-    """The guard of some columns, of the least degree that costs the least; None if none tells."""
+def guard_of_columns(
+    sides: Sides, some: NDArray[np.intp], degree: int, least: float = np.inf
+) -> FoundGuard | None:
+    """The guard of some columns, of the least degree that costs the least; None if none tells.
+
+    It may be any that costs more than the `least`.
+    """
+    most = least / sides.random  # rows on the wrong side
     n_switches = int((known(sides.last, some) & known(sides.reached, some)).sum())
     return of_least_degree(
-        lambda each: _of_degree(sides, some, each), len(some), n_switches, degree, sides.random
+        lambda each: _of_degree(sides, some, each, most),
+        len(some),
+        n_switches,
+        degree,
+        sides.random,
     )
 
 
-def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
+def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int, most: float) -> FoundGuard | None:
     seen = known(sides.last, some) & known(sides.reached, some)
     basis = FewColumns.of(sides.below, some, degree)
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
@@ -162,7 +172,7 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard 
     rising = (at - before).mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
-    coef = _told(below, above, rising)
+    coef = _told(below, above, rising, most)
     if coef is None:
         return None
     if len(coef) == 2:
@@ -176,18 +186,18 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int) -> FoundGuard 
     return FoundGuard(guard, float(cost), misses, some, *_between(guard, sides))
 
 
-def _told(below: Array, above: Array, rising: Array) -> Array | None:
+def _told(below: Array, above: Array, rising: Array, most: float) -> Array | None:
     """Coefficients, those without the switches that they miss unless more rows are wrong then.
 
     Others than the fewer ones are not left out.
     """
-    coef = _separating(below, above, rising)
+    coef = _separating(below, above, rising, most)
     if coef is None:
         return None
     told = above @ coef >= 0.0
-    if told.all() or told.mean() <= 0.5:
+    if told.all() or told.mean() <= 0.5 or (~told).sum() > most:
         return coef
-    others = _separating(below, above[told], rising)
+    others = _separating(below, above[told], rising, most)
     if others is None:
         return coef
     wrong = [_wrong(below @ one, above @ one) for one in (coef, others)]
@@ -239,8 +249,11 @@ def _between(guard: PolynomialGuard, sides: Sides) -> tuple[Array, int]:
     return errors, int(wrong.sum())
 
 
-def _separating(below: Array, above: Array, rising: Array) -> Array | None:
-    """Coefficients of the program; rows of both sides enter it as they are violated."""
+def _separating(below: Array, above: Array, rising: Array, most: float) -> Array | None:
+    """Coefficients of the program; rows of both sides enter it as they are violated.
+
+    Until more rows than so many are on the wrong side of those that entered.
+    """
     if len(rising) == 2:
         return _threshold(below, above, rising)
     coef, margin = rising / (rising @ rising), np.inf
@@ -259,6 +272,8 @@ def _separating(below: Array, above: Array, rising: Array) -> Array | None:
         if solved is None:
             return None
         coef, margin = solved
+        if (signed @ coef < -SETTINGS.exact).sum() > most:
+            break
     return coef
 
 

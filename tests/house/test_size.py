@@ -24,7 +24,7 @@ MOST_LINES = {
     # two conditions, few columns, ways out of a mode, stays told by guards; automata of maps by
     # free rollouts; what is known; errors of guards and resets; instants that lie on samples;
     # thresholds that are short numbers, switches that are none of a guard
-    "_automaton_search": 6070,
+    "_automaton_search": 6100,
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
     # where one leaves more than noise
