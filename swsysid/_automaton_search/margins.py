@@ -187,20 +187,21 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int, most: float) -
 
 
 def _told(below: Array, above: Array, rising: Array, most: float) -> Array | None:
-    """Coefficients, those without the switches that they miss unless more rows are wrong then.
+    """Coefficients, those without the switches that they miss if fewer rows are wrong then.
 
-    Others than the fewer ones are not left out.
+    More than half of the switches are never left out. A row at zero counts as one where the
+    transition is taken.
     """
     coef = _separating(below, above, rising, most)
     if coef is None:
         return None
-    told = above @ coef >= 0.0
-    if told.all() or told.mean() <= 0.5 or (~told).sum() > most:
+    told = above @ coef > SETTINGS.exact
+    if told.all() or told.mean() <= 0.5 or (above @ coef < -SETTINGS.exact).sum() > most:
         return coef
     others = _separating(below, above[told], rising, most)
     if others is None:
         return coef
-    wrong = [_wrong(below @ one, above @ one) for one in (coef, others)]
+    wrong = [_wrong(below @ one + 2.0 * SETTINGS.exact, above @ one) for one in (coef, others)]
     return coef if wrong[0] < wrong[1] else others
 
 
