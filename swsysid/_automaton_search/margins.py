@@ -172,37 +172,37 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int, most: float) -
     rising = (at - before).mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
-    coef = _told(below, above, rising, most)
-    if coef is None:
+
+    def unsaid(coef: Array) -> float:
+        values, every = (below @ coef, above @ coef), np.append(at, above, axis=0)
+        return sides.random * _wrong(*values) + _nats_at_zero(values[0], every @ coef)
+
+    tried = _told(below, above, rising, most)
+    if not tried:
         return None
+    coef = min(tried, key=unsaid)
     if len(coef) == 2:
         coef = _with_short_number(coef, np.concatenate([below, above, at]) @ coef, basis)
-    cost = sides.random * _wrong(below @ coef, above @ coef)
-    cost += _nats_at_zero(below @ coef, np.append(at, above, axis=0) @ coef)
-    cost += basis.price(len(seen), int((~seen).sum()), sides.random, chance=1.0)
+    cost = unsaid(coef) + basis.price(len(seen), int((~seen).sum()), sides.random, chance=1.0)
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
     guard = basis.guard(coef)
     return FoundGuard(guard, float(cost), misses, some, *_between(guard, sides))
 
 
-def _told(below: Array, above: Array, rising: Array, most: float) -> Array | None:
-    """Coefficients, those without the switches that they miss if fewer rows are wrong then.
+def _told(below: Array, above: Array, rising: Array, most: float) -> list[Array]:
+    """Coefficients, and those without the switches that they miss; none if none tell.
 
-    More than half of the switches are never left out. A row at zero counts as one where the
-    transition is taken.
+    More than half of the switches are never left out.
     """
     coef = _separating(below, above, rising, most)
     if coef is None:
-        return None
+        return []
     told = above @ coef > SETTINGS.exact
     if told.all() or told.mean() <= 0.5 or (above @ coef < -SETTINGS.exact).sum() > most:
-        return coef
+        return [coef]
     others = _separating(below, above[told], rising, most)
-    if others is None:
-        return coef
-    wrong = [_wrong(below @ one + 2.0 * SETTINGS.exact, above @ one) for one in (coef, others)]
-    return coef if wrong[0] < wrong[1] else others
+    return [coef] if others is None else [others, coef]
 
 
 def _wrong(below: Array, above: Array) -> int:
