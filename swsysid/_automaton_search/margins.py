@@ -11,7 +11,7 @@ Of few columns it is the one as far from both as it can be,
 
 whose scale is that in which it rises by one where it is crossed. The fewest columns are taken that
 tell the sides (section IV of the paper; there a box gives the scale): a row on the wrong side costs
-what a switch does at random in a stay of mean length n, :math:`\log n`, and so does a coefficient:
+at most what a switch does at random in a stay of mean length n, :math:`\log n`, as a coefficient:
 one more row can be told with it. Switches that a guard misses may be none of it, as where a mode is
 left for the same one in two ways: it is tried without them.
 
@@ -48,7 +48,7 @@ from swsysid._data.coordinates import Monomials
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program
 
-# What a step beyond a guard costs, in margins; rows that enter the program at once, and how often
+# Nats and margins that a step beyond a guard costs; rows that enter the program at once, and how often
 # more do.
 _SLACK_PRICE = 5.0
 _FIRST_ROWS, _TURNS_OF_ROWS = 60, 8
@@ -78,6 +78,14 @@ class Sides:
     def random(self) -> float:
         """Nats of a switch anywhere in a stay of mean length, or more where stays are brief."""
         return max(float(np.log1p(len(self.below) / len(self.reached))), SETTINGS.unexplained)
+
+    def nats(self, below: Array, above: Array) -> float:
+        """What rows on the wrong side of a guard cost, by its values there; each like one at random.
+
+        Or less where it is off by less than a step, as noise is.
+        """
+        beyond = np.maximum(0.0, np.append(below, -above))
+        return float(np.fmin(_SLACK_PRICE * beyond, self.random).sum())
 
     def joined(self, back: Sides) -> Sides:
         """Those of one surface that is also crossed back; it does not see the clocks."""
@@ -134,7 +142,7 @@ def _stated(guard: PolynomialGuard, sides: Sides) -> FoundGuard | None:
     if not np.abs(rising) > 0.0:
         return None
     scaled = PolynomialGuard(guard.coef / rising, guard.powers)
-    cost = sides.random * _wrong(scaled.values(sides.below), scaled.values(sides.above))
+    cost = sides.nats(scaled.values(sides.below), scaled.values(sides.above))
     misses = _missed(scaled, sides.reached)
     return FoundGuard(scaled, cost, misses, used, *_between(scaled, sides))
 
@@ -175,7 +183,7 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int, most: float) -
 
     def unsaid(coef: Array) -> float:
         values, every = (below @ coef, above @ coef), np.append(at, above, axis=0)
-        return sides.random * _wrong(*values) + _nats_at_zero(values[0], every @ coef)
+        return sides.nats(*values) + _nats_at_zero(values[0], every @ coef)
 
     tried = _told(below, above, rising, most)
     if not tried:
@@ -203,11 +211,6 @@ def _told(below: Array, above: Array, rising: Array, most: float) -> list[Array]
         return [coef]
     others = _separating(below, above[told], rising, most)
     return [coef] if others is None else [others, coef]
-
-
-def _wrong(below: Array, above: Array) -> int:
-    """Rows on the wrong side of a guard, of its values there."""
-    return int((below > SETTINGS.exact).sum() + (above < -SETTINGS.exact).sum())
 
 
 def _nats_at_zero(below: Array, above: Array) -> float:
