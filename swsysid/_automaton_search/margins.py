@@ -48,8 +48,8 @@ from swsysid._data.coordinates import Monomials
 from swsysid._results import Array
 from swsysid._solvers.conic import linear_program
 
-# Nats and margins that a step beyond a guard costs; rows that enter the program at once, and how often
-# more do.
+# Nats and margins that a step beyond a guard costs; rows that enter the program at once, and how
+# often more do.
 _SLACK_PRICE = 5.0
 _FIRST_ROWS, _TURNS_OF_ROWS = 60, 8
 # Of thresholds that are no short number, those that have one between their nearest rows: of the 76
@@ -76,13 +76,13 @@ class Sides:
 
     @property
     def random(self) -> float:
-        """Nats of a switch anywhere in a stay of mean length, or more where stays are brief."""
-        return max(float(np.log1p(len(self.below) / len(self.reached))), SETTINGS.unexplained)
+        """Nats of a switch anywhere in a stay of mean length."""
+        return float(np.log1p(len(self.below) / len(self.reached)))
 
     def nats(self, below: Array, above: Array) -> float:
-        """What rows on the wrong side of a guard cost, by its values there; each like one at random.
+        """What rows on the wrong side of a guard cost, by its values there.
 
-        Or less where it is off by less than a step, as noise is.
+        Each as a switch at random, or less where it is off by a part of a step, as by noise.
         """
         beyond = np.maximum(0.0, np.append(below, -above))
         return float(np.fmin(_SLACK_PRICE * beyond, self.random).sum())
