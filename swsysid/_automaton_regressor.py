@@ -78,7 +78,8 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     discrete_time : bool, default=False
         The laws give the next state instead of the velocity (switched ARX, NARX); dwell and time
         count steps, and a guard is zero anywhere between two samples: it has the largest margin to
-        both (the paper's margin program). With noise, modes ask the guards in turn.
+        both (the paper's margin program), or is a threshold at a number of few digits that hardly
+        lies between them by chance. With noise, modes ask the guards in turn.
     feature_library : None, int, transformer or PySINDy library, default=1
         Features of the laws, as for `SwitchingSystemRegressor`; 1 is affine laws.
     guard_degree : int, default=1

@@ -12,6 +12,7 @@ condition must tell the ends of more stays than it has coefficients.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -93,25 +94,40 @@ def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> Fo
     if missed <= 1.0 - SETTINGS.told_by_guard:
         return found
     best, least = found, exits.nats(found.guard, target) - _of_side(never) - SETTINGS.better
+    # switches far below the guard may be none of it, and then say nothing of what holds besides
+    near = reached[~(found.guard.values(reached) < -SETTINGS.near)]
+    for own in (near, reached) if 0 < len(near) < len(reached) else (reached,):
+        before = np.inf
+        for both in _of_two(never, ends, own, degree):
+            nats = exits.nats(both.whole, target)
+            if nats < least and holds(both.whole, own).any():
+                best, least = both, nats
+            if nats >= before:
+                break
+            before = nats
+    return best
+
+
+def _of_two(
+    never: Array, ends: NDArray[np.bool_], reached: Array, degree: int
+) -> Iterator[FoundGuard]:
+    """Guards of two conditions, each told by the rows that the other one leaves, in turns."""
     left = _corner(never, reached)
     for _ in range(_TURNS):
         if not left.any() or left.all():
             break
         first = told_apart(never[~left], reached, degree)
         # a row of another exit that the first condition tells may be one that the second does too
-        seconds = [told_apart(never[own], reached, degree) for own in (left | ends, left)]
+        tried = (left | ends, left) if (ends & ~left).any() else (left,)
+        seconds = [told_apart(never[own], reached, degree) for own in tried]
         second = min((one for one in seconds if one), key=lambda one: one.cost, default=None)
         if first is None or second is None:
             break
-        both = replace(first, also=(second,))
-        nats = exits.nats(both.whole, target)
-        if nats < least and holds(both.whole, reached).any():
-            best, least = both, nats
+        yield replace(first, also=(second,))
         of_both = [_scaled(one.guard, never, reached) for one in (first, second)]
         before, left = left, of_both[1] < of_both[0]
         if np.array_equal(before, left):
             break
-    return best
 
 
 def _corner(never: Array, reached: Array) -> NDArray[np.bool_]:

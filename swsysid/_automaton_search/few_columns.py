@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
-from math import lgamma
+from math import comb, lgamma
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +59,7 @@ class FewColumns:
             total += inner * (rates[:, column] / self.spread[place])[:, None]
         return total
 
-    def price(
-        self, n_switches: int, n_unknown: int, random: float, *, term: float = 0.0, chance: float
-    ) -> float:
+    def price(self, n_switches: int, n_unknown: int, random: float, *, chance: float) -> float:
         """Nats that a guard of these columns costs, some switches not known to it.
 
         Clocks are rarer than states as what triggers a switch, and in a limit cycle both tell it:
@@ -69,7 +67,7 @@ class FewColumns:
         dwell of a stay in which a recording began) costs what it does at `random`.
         """
         n_clocks = (self.some >= self.n_columns - len(CLOCKS)).sum()
-        of_terms = _of_terms(len(self.powers), n_switches, term)
+        of_terms = _of_terms(len(self.powers), n_switches, random)
         return float(of_terms + _CLOCK * chance * n_clocks + random * n_unknown)
 
     def guard(self, coef: Array) -> PolynomialGuard:
@@ -96,9 +94,12 @@ class FewColumns:
         return Monomials(self.powers)
 
 
-def _of_terms(n_terms: int, n_switches: int, term: float) -> float:
-    """Nats of the coefficients of a guard, the one that sets its scale left out."""
-    return float((n_terms - 1) * (term + 0.5 * np.log(n_switches + 1)))
+def _of_terms(n_terms: int, n_switches: int, random: float) -> float:
+    """Nats of the coefficients of a guard, the one that sets its scale left out.
+
+    With each of them one more switch can be told, which else costs what it does at `random`.
+    """
+    return float((n_terms - 1) * (random + 0.5 * np.log(n_switches + 1)))
 
 
 def known(columns: Array, some: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -127,44 +128,63 @@ def simplest(guards: Iterable[FoundGuard | None]) -> FoundGuard | None:
     return best
 
 
+def of_least_degree(
+    guard_of: Callable[[int], FoundGuard | None],
+    n_columns: int,
+    n_switches: int,
+    degree: int,
+    random: float,
+) -> FoundGuard | None:
+    """Of guards of so many columns and each degree the first one that costs the least.
+
+    One whose terms alone, of `random` nats each at least, cost too much is not asked.
+    """
+    best: FoundGuard | None = None
+    for each in range(1, degree + 1):
+        n_terms = comb(n_columns + each, each)
+        if best is None or _of_terms(n_terms, n_switches, random) < best.cost - SETTINGS.better:
+            best = simplest([best, guard_of(each)])
+    return best
+
+
 def cheapest_guard(
     given: Array,
-    guard_of: Callable[[NDArray[np.intp]], FoundGuard | None],
+    guard_of: Callable[[NDArray[np.intp], float], FoundGuard | None],
     interval: float,
-    degree: int,
+    random: float,
     *,
-    term: float = 0.0,
     best: FoundGuard | None = None,
+    most: float = np.inf,
 ) -> FoundGuard | None:
     """The guard of least cost among those of few columns; the simplest one that costs the least.
 
     One to begin with, if there is any, is left only for one that is better. Its rivals are the
     cheapest ones that tell the same switches to within samples, which are an `interval` apart.
     `given` are the columns at its switches, (n_switches, n_columns). A guard of more columns whose
-    terms, of this degree and `term` nats each at least, alone cost too much is not asked.
+    terms, straight ones of `random` nats each at least, alone cost too much is not asked: `most` is
+    what any may cost. ``guard_of(columns, least)`` may end once it costs more than the least.
     """
     n_columns = given.shape[1]
     counts = range(1, min(SETTINGS.most_columns, n_columns) + 1)
     sets = [np.array(some) for n in counts for some in combinations(range(n_columns), n)]
-    n_terms = {n: len(Monomials.up_to(degree, n).powers) for n in counts}
 
     def is_dear(some: NDArray[np.intp]) -> bool:
+        of_terms = _of_terms(len(some) + 1, int(known(given, some).sum()), random)
         if best is None or len(some) <= len(best.some):
-            return False
-        n_known = int(known(given, some).sum())
-        return _of_terms(n_terms[len(some)], n_known, term) >= best.cost - SETTINGS.better
+            return of_terms > most
+        return of_terms >= min(best.cost - SETTINGS.better, most)
 
     tried, put_off = [best], []
     for some in sets:
         if is_dear(some):
             put_off.append(some)
             continue
-        tried.append(guard_of(some))
+        tried.append(guard_of(some, most if best is None else min(best.cost, most)))
         best = simplest([best, tried[-1]])
     if best is None:
         return None
     # rivals are of no more columns than the best has in the end
-    tried += [guard_of(some) for some in put_off if len(some) <= len(best.some)]
+    tried += [guard_of(some, best.cost) for some in put_off if len(some) <= len(best.some)]
     every = [one for one in tried if one is not None]
     rivals: list[FoundGuard] = []
     for one in sorted(every, key=lambda one: (len(one.some), one.cost)):

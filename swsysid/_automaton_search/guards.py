@@ -35,7 +35,7 @@ from swsysid._automaton_search.few_columns import (
     FewColumns,
     cheapest_guard,
     known,
-    simplest,
+    of_least_degree,
 )
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.margins import Sides, guard_of_columns
@@ -71,13 +71,18 @@ def best_guard(
     def guard_of(some: NDArray[np.intp]) -> FoundGuard | None:
         name = crossed.told_by(some)
         if name not in known_ones:
-            tried = (_guard_of(crossed, some, each) for each in range(1, degree + 1))
-            known_ones[name] = simplest(tried)
+            n_switches = int(known(crossed.columns, some).sum())
+            known_ones[name] = of_least_degree(
+                lambda each: _guard_of(crossed, some, each), len(some), n_switches, degree,
+                SETTINGS.unexplained,
+            )  # fmt: skip
         return known_ones[name]
 
     if some is not None:
         return guard_of(some)
-    return cheapest_guard(crossed.columns, guard_of, crossed.interval, 1, term=SETTINGS.unexplained)
+    return cheapest_guard(
+        crossed.columns, lambda some, _: guard_of(some), crossed.interval, SETTINGS.unexplained
+    )
 
 
 def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
@@ -169,9 +174,7 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
         return None
     misses = np.full(len(seen), np.nan)
     misses[seen] = solved.times
-    price = basis.price(
-        len(seen), int((~seen).sum()), solved.random, term=solved.random, chance=solved.chance
-    )
+    price = basis.price(len(seen), int((~seen).sum()), solved.random, chance=solved.chance)
     errors = basis.errors(solved.coef, solved.covariance)
     found = FoundGuard(
         basis.guard(solved.coef), solved.cost + price, misses, some, errors, solved.beyond

@@ -370,8 +370,9 @@ def _of_one_surface(
         for own in [taken[one.source, one.target]]
     )
     pair = both[0].source, both[0].target
-    surface = surface_with_margin(there, back, degree, _agreements(rows.stays, pair, degree))
-    if surface is None or surface[0].cost > sum(one.guard.cost for one in both if one.guard):
+    most = sum(one.guard.cost for one in both if one.guard)
+    surface = surface_with_margin(there, back, degree, most, _agreements(rows.stays, pair, degree))
+    if surface is None:
         return both
     return replace(both[0], guard=surface[0]), replace(both[1], guard=surface[1])
 

@@ -3,6 +3,7 @@
 from math import comb
 
 import numpy as np
+import pytest
 
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_with_margin
@@ -27,6 +28,36 @@ def test_a_threshold_lies_in_the_middle_of_its_gap():
     np.testing.assert_allclose(found.guard.values(np.array([[2.7], [3.7]])), [0.0, 1.0], atol=1e-9)
 
 
+def threshold(low, high, falls=False):
+    """Where the guard is zero whose nearest rows are these, or these with the other sign."""
+    below = np.array([[low - 2.0], [low - 1.0], [low]])
+    reached = np.array([[high], [high + 1.0]])
+    sign = -1.0 if falls else 1.0
+    found = guard_with_margin(one_way(sign * below, sign * below[[2, 1]], sign * reached), degree=1)
+    values = found.guard.values(np.array([[0.0], [1.0]]))
+    return sign * values[0] / (values[0] - values[1])
+
+
+@pytest.mark.parametrize("falls", [False, True])
+@pytest.mark.parametrize(
+    ("low", "high", "short"),
+    [(14.9991, 15.0007, 15.0), (-0.002, 0.004, 0), (3.1399, 3.1403, 3.14), (2299, 2300.5, 2300)],
+)
+def test_a_threshold_is_the_short_number_that_hardly_lies_there_by_chance(low, high, short, falls):
+    assert threshold(low, high, falls) == pytest.approx(short, abs=1e-9)
+
+
+def test_a_short_number_that_may_lie_there_by_chance_is_none():
+    # those of a tenth are as far apart as less than two such gaps
+    assert threshold(3.13, 3.20) == pytest.approx(3.165, abs=1e-9)
+    # in other units a threshold is no short number
+    assert threshold(14.9991 * 1.7321, 15.0007 * 1.7321) == pytest.approx(25.98136, abs=1e-4)
+    # of thresholds anywhere one in twenty-five has hundredths between rows that are .0004 apart
+    lows = RNG.uniform(1.0, 2.0, 1000)
+    moved = [abs(threshold(low, low + 4e-4) - low - 2e-4) > 1e-8 for low in lows]
+    assert np.mean(moved) == pytest.approx(0.04, abs=0.02)  # three standard errors are .019
+
+
 def test_the_row_before_a_switch_is_below_also_where_no_law_explains_it():
     below, last = np.array([[0.0], [1.0], [2.0]]), np.array([[2.8], [2.6]])
     found = guard_with_margin(one_way(below, last, np.array([[3.0], [3.4]])), degree=1)
@@ -41,7 +72,8 @@ def test_rows_of_both_sides_at_zero_leave_open_which_of_them_are_taken():
     )
     np.testing.assert_allclose(both.guard.values(reached), 0.0, atol=1e-9)
     # two of five are not; those that are reached are above, too
-    assert np.log(comb(5, 2)) <= both.cost - usual.cost <= np.log(comb(8, 2)) + 1e-9
+    open_still = both.cost - usual.cost - (np.log1p(5 / 3) - np.log1p(3 / 3))  # of its coefficient
+    assert np.log(comb(5, 2)) <= open_still <= np.log(comb(8, 2)) + 1e-9
 
 
 def test_a_plane_of_two_columns_separates():
@@ -69,7 +101,7 @@ def test_one_surface_knows_the_rows_of_both_modes():
     below, above = clocked(np.array([[0.0], [1.6]])), clocked(np.array([[2.2], [2.9], [3.0]]))
     there = Sides(below, above, below[[1, 1]], above[[2, 2]])
     back = Sides(above, below, above[[1, 1]], below[[1, 1]] - [0.1, 0.0, 0.0])
-    up, down = surface_with_margin(there, back, degree=1)
+    up, down = surface_with_margin(there, back, degree=1, most=np.inf)
     at = clocked(np.array([[1.9]]))
     # 1.6 and 2.2 are nearest
     np.testing.assert_allclose([up.guard.values(at)[0], down.guard.values(at)[0]], 0.0, atol=1e-9)
@@ -83,7 +115,7 @@ def test_hysteresis_is_no_one_surface():
     low, high = (clocked(np.linspace(*ends, 40)[:, None]) for ends in ((0.0, 1.9), (1.1, 3.0)))
     there = Sides(low, high, low[-20:], low[-20:] + [0.8, 0.0, 0.0])
     back = Sides(high, low, high[:20], high[:20] - [0.8, 0.0, 0.0])
-    one, _ = surface_with_margin(there, back, degree=1)
+    one, _ = surface_with_margin(there, back, degree=1, most=np.inf)
     separately = [guard_with_margin(one_way(s.below, s.last, s.reached), 1) for s in (there, back)]
     assert sum(own.cost for own in separately) < one.cost
 
@@ -101,3 +133,36 @@ def test_a_stated_surface_is_taken_with_the_sign_and_scale_of_the_switches_unles
     np.testing.assert_allclose([rise, found.guard.coef[1] / found.guard.coef[0]], [1.0, -0.5])
     wrong = PolynomialGuard(np.array([1.0, 1.0]), powers)
     assert guard_with_margin(sides, 1, [wrong]).cost > 0.0
+
+
+def test_a_guard_of_a_higher_degree_is_straight_where_that_tells_as_well():
+    rows = RNG.uniform(-2.0, 2.0, (400, 2))
+    bent, straight = np.square(rows).sum(axis=1), rows[:, 0]
+    for value, level, degree in ((straight, 1.0, 1), (bent, 2.0, 2)):
+        near = (value < level) & (value > level - 0.2)
+        outward = rows[near] * (1.0 + 0.3 / value[near, None])
+        reached = outward[(outward[:, 0] if degree == 1 else np.square(outward).sum(1)) > level]
+        last = rows[near][: len(reached)]
+        found = guard_with_margin(one_way(rows[value < level], last, reached), degree=2)
+        assert found.guard.powers[found.guard.coef != 0.0].sum(axis=1).max() == degree
+        assert (found.guard.values(rows[value < level]) < 0.0).all()
+        assert (found.guard.values(reached) >= 0.0).all()
+
+
+def test_switches_that_are_none_of_a_guard_bend_it_nowhere():
+    """Eleven switches at x >= 1, and two somewhere else, as of another way to the same mode."""
+    last = np.column_stack([RNG.uniform(0.9, 1.0, 13), RNG.uniform(-1.0, 1.0, (13, 2))])
+    last[:2, 0] = 0.3, 0.5
+    reached = last + [0.1, 0.0, 0.0]
+    below = np.vstack([RNG.uniform([-1.0, -1.0, -1.0], [1.0, 1.0, 1.0], (3000, 3)), last])
+    found = guard_with_margin(one_way(below, last, reached), degree=2)
+    assert found.some.tolist() == [0]
+    told = found.misses == 0.0
+    assert told.tolist() == [False] * 2 + [True] * 11
+    # between the nearest rows on both sides
+    nearest = below[:, 0].max(), reached[2:, 0].min()
+    values = found.guard.values(np.array([[nearest[0], 0.0, 0.0], [nearest[1], 0.0, 0.0]]))
+    assert values[0] < 0.0 < values[1]
+    # two wrong rows and a coefficient, in nats of a switch anywhere in a stay
+    random = np.log1p(len(below) / 13)
+    np.testing.assert_allclose(found.cost, 3.0 * random + 0.5 * np.log(14), rtol=1e-9)
