@@ -22,9 +22,9 @@ MOST_LINES = {
     # guards of several conditions; SpaceEx with settings, pruned; maps in blocks of rows
     "_automaton": 3530,
     # two conditions, few columns, ways out of a mode, stays told by guards; automata of maps by
-    # free rollouts; what is known; errors of guards and resets; instants that lie on samples; guards
-    # at steps of inputs, surfaces of several ways; thresholds that are short numbers, switches that
-    # are none of a guard
+    # free rollouts; what is known; errors of guards and resets; instants that lie on samples;
+    # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
+    # switches that are none of a guard
     "_automaton_search": 6310,
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
