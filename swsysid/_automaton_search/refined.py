@@ -191,8 +191,11 @@ def _told(one: Settled, interval: float) -> NDArray[np.bool_]:
 
 
 def _is_told_by_instants(one: Settled) -> bool:
-    """Whether its instants say where a guard is: those of steps alone say between which values."""
-    return not one.switches.in_steps.all()
+    """Whether its instants say where a guard is.
+
+    Those of steps alone say between which values, and those at samples when it was asked.
+    """
+    return not (one.switches.in_steps.all() or one.asked_at_samples)
 
 
 def first_pieces(pieces: Pieces, found: list[Settled], noise: Array) -> NDArray[np.intp]:

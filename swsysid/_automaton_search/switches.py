@@ -18,8 +18,9 @@ from swsysid._stays.laws import Laws, Modes
 from swsysid._stays.pieces import Pieces
 from swsysid._stays.samples import modes_of, states_of
 
-# Of an interval, within which an instant lies on a sample; chance at which all of them do.
-_ON_SAMPLE, _CHANCE = 0.01, 1e-9
+# Of an interval, within which an instant lies on a sample, or standard errors of it; chance at
+# which all of them do.
+_ON_SAMPLE, _SURELY, _CHANCE = 0.01, 5.0, 1e-9
 
 
 @dataclass(frozen=True)
@@ -181,10 +182,11 @@ def even(duration: Array | float) -> Array:
     return np.asarray(duration / np.sqrt(12.0))
 
 
-def at_samples(found: StayIdentification) -> bool:
+def at_samples(found: StayIdentification, errors: Array) -> bool:
     """Whether all instants lie on samples, by more than chance: what decides may be asked there.
 
-    Those at steps of inputs lie there anyway.
+    They do so within their standard errors, and these are small enough to tell. Those at steps of
+    inputs lie there anyway.
     """
     nodes = found.estimate.nodes
     stays, recordings = nodes.stays, nodes.recordings
@@ -196,9 +198,14 @@ def at_samples(found: StayIdentification) -> bool:
             for own, t, places in zip(stays, recordings.times, recordings.sampled, strict=True)
         ]
     )
-    off = off[~nodes.in_steps]
-    on_samples = off.max() <= _ON_SAMPLE * recordings.interval
-    return bool(on_samples and len(off) * np.log(2.0 * _ON_SAMPLE) < np.log(_CHANCE))
+    free = ~nodes.in_steps
+    off = off[free] / recordings.interval
+    errors = errors[free] / recordings.interval
+    near = (off <= np.maximum(_ON_SAMPLE, _SURELY * errors)).all()
+    # by how much likelier they are on samples than anywhere
+    errors = np.maximum(errors, 2.0 * _ON_SAMPLE / np.sqrt(2.0 * np.pi))
+    nats = -0.5 * np.square(off / errors) - np.log(errors * np.sqrt(2.0 * np.pi))
+    return bool(near and nats.sum() > -np.log(_CHANCE))
 
 
 def _off_samples(instants: Array, t: Array) -> Array:

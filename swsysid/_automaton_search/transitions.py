@@ -19,6 +19,7 @@ from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.one_surface import with_shared_surfaces
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, at_samples, switches_of
+from swsysid._stays.certainty import certainty
 from swsysid._stays.descent import most_likely
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
@@ -37,7 +38,8 @@ def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms)
     laws, interval = stays.estimate.laws, stays.estimate.nodes.recordings.interval
     noise, n_positions = stays.reached.noise, pieces.given.n_positions
     context = GuardContext(visits, laws, noise, interval, terms, n_positions)
-    found_from = _at_samples_or_not if at_samples(stays) else _settled
+    errors = np.concatenate(certainty(stays).instants)
+    found_from = _at_samples_or_not if at_samples(stays, errors) else _settled
     found = found_from(switches, context)
     began = np.full(len(pieces.first), np.nan)
     for one in found:

@@ -52,7 +52,49 @@ def test_few_instants_may_lie_on_samples_by_chance(samples, are):
     stays = [SimpleNamespace(instants=STEP * np.array(one, float)) for one in (samples, [])]
     in_steps = np.zeros(len(samples), dtype=bool)
     nodes = SimpleNamespace(stays=stays, recordings=recordings, in_steps=in_steps)
-    assert at_samples(SimpleNamespace(estimate=SimpleNamespace(nodes=nodes))) == are
+    found = SimpleNamespace(estimate=SimpleNamespace(nodes=nodes))
+    assert at_samples(found, np.zeros(len(samples))) == are
+
+
+@pytest.mark.parametrize(("error", "are"), [(0.05, True), (0.08, True), (0.1, False)])
+def test_instants_with_errors_lie_on_samples_if_these_are_small_enough(error, are):
+    """Twenty that are off by one: 1.6, 1.1 and .9 nats each for samples; a billion has 20.7."""
+    times = STEP * np.arange(60)
+    off = error * STEP * np.tile([-1.0, 1.0], 10)
+    stays = [SimpleNamespace(instants=STEP * np.arange(5, 45, 2) + off)]
+    recordings = SimpleNamespace(times=[times], sampled=[np.arange(60)], interval=STEP)
+    in_steps = np.zeros(20, dtype=bool)
+    nodes = SimpleNamespace(stays=stays, recordings=recordings, in_steps=in_steps)
+    found = SimpleNamespace(estimate=SimpleNamespace(nodes=nodes))
+    assert at_samples(found, np.full(20, error * STEP)) == are
+    assert not at_samples(found, np.full(20, 0.2 * error * STEP))  # five errors off
+
+
+def test_a_thermostat_that_asks_at_samples_is_found_with_noise():
+    """Laws leave nothing but noise, and thresholds lie half a sample beyond 3 and 6."""
+    rng = np.random.default_rng(5)
+    x, on, rows = 5.0, False, []
+    for _ in range(600):
+        on = x > 6.0 or (on and x >= 3.0)
+        rows.append(x)
+        rest = 21.0 - 32.0 * on
+        x = rest + (x - rest) * np.exp(-0.01)
+    measured = np.array(rows)[:, None] + 0.03 * rng.standard_normal((600, 1))
+    with pytest.warns(MisfitWarning, match="law of mode"):  # half a sample shows in rollouts
+        found = HybridAutomatonRegressor(feature_library=1, random_state=0).fit(
+            measured, np.arange(600.0)
+        )
+    assert ASKED in str(found.report_) and found.noise_[0] < 1.1 * 0.03
+    slopes = {1.0: 6.0 + 0.5 * 0.15, -1.0: 3.0 - 0.5 * 0.11}  # by what half a sample moves it
+    for one in found.automaton_.transitions:
+        at = np.array([[0.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
+        zero, ahead = one.guard.values(at)
+        sign = float(np.sign(ahead - zero))
+        # thresholds to a third of what a sample moves the state by
+        assert -zero / (ahead - zero) == pytest.approx(slopes[sign], abs=0.04)
+    order = np.argsort(found.coef_[:, 0, 0])
+    true, errors = [[-0.11, -0.01], [0.21, -0.01]], found.coef_errors_[order][:, 0]
+    assert (np.abs(found.coef_[order][:, 0] - true) < 4.0 * errors).all()
 
 
 def test_guards_are_compared_alike_in_seconds_and_milliseconds():
