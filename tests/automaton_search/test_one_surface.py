@@ -50,8 +50,7 @@ def thresholds(found):
     return told
 
 
-@pytest.mark.parametrize("n_modes", [3, "auto"])
-@pytest.mark.parametrize("seed", [1, 11])
+@pytest.mark.parametrize(("seed", "n_modes"), [(1, "auto"), (11, 3)])
 def test_a_dead_zone_of_a_held_input_is_three_modes(seed, n_modes):
     x, t, u = motor(seed)
     found = HybridAutomatonRegressor(
