@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._data.trajectories import AT_ONCE
 from swsysid._results import Array
-from swsysid._stays.certainty import certainty
 from swsysid._stays.flow import crossings_of
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.intervals import flow
@@ -111,12 +110,13 @@ class Visits:
 
 
 def switches_of(
-    found: StayIdentification, pieces: Pieces, began: Array | None = None
+    found: StayIdentification, pieces: Pieces, errors: Array, began: Array | None = None
 ) -> tuple[Switches, Visits]:
     """Switches within the pieces and between them, and the samples of the stays.
 
-    `began` are instants at which pieces began, NaN for the first one of a recording; in the middle
-    between two samples, if nobody knows better.
+    `errors` are the standard errors of the instants within. `began` are instants at which pieces
+    began, NaN for the first one of a recording; in the middle between two samples, if nobody knows
+    better.
     """
     estimate = found.estimate
     recordings, stays = estimate.nodes.recordings, estimate.nodes.stays
@@ -136,7 +136,7 @@ def switches_of(
         done.new,
         np.concatenate([begin[:-1] for begin in begins]),
         instants,
-        np.where(done.steps, even(recordings.interval), np.concatenate(certainty(found).instants)),
+        np.where(done.steps, even(recordings.interval), errors),
         np.zeros(len(own), dtype=bool),
         np.column_stack([instants, instants]),
         done.columns[:, :-2],
@@ -153,16 +153,16 @@ def switches_of(
     ends = np.array([columns[k - 1][-1] for k in later]).reshape(len(later), padded.shape[2])
     starts = np.array([columns[k][0] for k in later]).reshape(len(later), padded.shape[2])
     duration = np.ptp(known, axis=1)[:, None]
-    errors = even(duration[:, 0])
-    at_once = errors < AT_ONCE * recordings.interval
-    errors[at_once] = _blurred(estimate.laws, source[at_once], ends[at_once], found.left)
+    between_errors = even(duration[:, 0])
+    at_once = between_errors < AT_ONCE * recordings.interval
+    between_errors[at_once] = _blurred(estimate.laws, source[at_once], ends[at_once], found.left)
     between = Switches(
         pieces.recording[later],
         source,
         np.array([stays[k].modes[0] for k in later], dtype=np.intp),
         np.array([begins[k - 1][-1] for k in later]),
         known.mean(axis=1),
-        errors,
+        between_errors,
         np.ones(len(later), dtype=bool),
         known,
         ends,

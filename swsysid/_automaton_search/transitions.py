@@ -34,11 +34,11 @@ _MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 
 def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
     """Guards, resets and instants of all transitions."""
-    switches, visits = switches_of(stays, pieces)
+    errors = np.concatenate(certainty(stays).instants)
+    switches, visits = switches_of(stays, pieces, errors)
     laws, interval = stays.estimate.laws, stays.estimate.nodes.recordings.interval
     noise, n_positions = stays.reached.noise, pieces.given.n_positions
     context = GuardContext(visits, laws, noise, interval, terms, n_positions)
-    errors = np.concatenate(certainty(stays).instants)
     found_from = _at_samples_or_not if at_samples(stays, errors) else _settled
     found = found_from(switches, context)
     began = np.full(len(pieces.first), np.nan)
@@ -47,7 +47,7 @@ def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms)
         began[own.piece[own.jumped]] = own.times[own.jumped]
     if np.isfinite(began).any():
         # a clock begins at the instant of a jump, which is known only now
-        switches, visits = switches_of(stays, pieces, began)
+        switches, visits = switches_of(stays, pieces, errors, began)
         found = found_from(switches, replace(context, visits=visits))
     return found
 
