@@ -158,7 +158,7 @@ def cheapest_guard(
 ) -> FoundGuard | None:
     """The guard of least cost among those of few columns; the simplest one that costs the least.
 
-    One to begin with, if there is any, is left only for one that is better. Its rivals are the
+    More than few are asked from all of them backwards, one column fewer at a time. One to begin with, if there is any, is left only for one that is better. Its rivals are the
     cheapest ones that tell the same switches to within samples, which are an `interval` apart.
     `given` are the columns at its switches, (n_switches, n_columns). A guard of more columns whose
     terms, straight ones of `random` nats each at least, alone cost too much is not asked: `most` is
@@ -183,6 +183,16 @@ def cheapest_guard(
         best = simplest([best, tried[-1]])
     if best is None:
         return None
+    # all but clocks, and one fewer as long as it is better so; what is constant at all switches
+    # is no other column than the constant
+    wide, last = [np.flatnonzero(np.ptp(given[:, : -len(CLOCKS)], axis=0) > 0.0)], np.inf
+    while len(wide[0]) > SETTINGS.most_columns and not is_dear(wide[0]):
+        told = simplest(guard_of(some, np.inf) for some in wide)
+        if told is None or told.cost >= last:
+            break
+        tried.append(told)
+        best, last = simplest([best, told]), told.cost
+        wide = [np.delete(told.some, place) for place in range(len(told.some))]
     # rivals are of no more columns than the best has in the end
     tried += [guard_of(some, best.cost) for some in put_off if len(some) <= len(best.some)]
     every = [one for one in tried if one is not None]

@@ -1,9 +1,10 @@
 """Automata that others published, found by the documented way: a leaderboard.
 
-    python -m benchmarks.automata.others FOLDER [--names ATVA/ball ...] [--noise 0] [--limit 60]
+    python -m benchmarks.automata.others [FOLDER] [--gallery FOLDER] [--names ATVA/ball ...] [--noise 0] [--limit 60]
                                          [--output FOLDER] [--docs docs]
 
-FOLDER has the JSON files of DAINARX, as its repositories keep them beneath ``automata``. Another
+FOLDER has the JSON files of DAINARX, as its repositories keep them beneath ``automata``, the gallery
+is that of Flowcean: Python that is imported. Either leaves the figures of the other as they were. Another
 method is scored by `scoring.score`: model in, figures out. Seconds are CPU seconds of the fit.
 """
 
@@ -14,9 +15,10 @@ import math
 
 from benchmarks import pages
 from benchmarks.automata.__main__ import limited
-from benchmarks.automata.others.dainarx import Published, Recorded, published
+from benchmarks.automata.others.dainarx import Recorded, published
+from benchmarks.automata.others.flowcean import gallery
 from benchmarks.automata.others.ours import Ours, ours
-from benchmarks.automata.others.scoring import score
+from benchmarks.automata.others.scoring import Published, score
 from benchmarks.automata.others.tables import tables
 from benchmarks.results import add_docs_options, keep, load, measured_here, place
 
@@ -24,8 +26,9 @@ from benchmarks.results import add_docs_options, keep, load, measured_here, plac
 def main(arguments: list[str] | None = None) -> None:
     """Score the package on all automata of a folder, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", help="of the descriptions, with all folders beneath")
-    parser.add_argument("--names", nargs="+", help="of these alone; the others stay as they were")
+    parser.add_argument("folder", nargs="?", help="of descriptions, with all folders beneath")
+    parser.add_argument("--gallery", help="hybrid_systems/benchmarks of Flowcean, which is run")
+    parser.add_argument("--names", nargs="+", help="of these alone")
     parser.add_argument("--noise", type=float, default=0.0, help="of the spread of each state")
     parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds of a fit")
     parser.add_argument("--output", default="output/automata", help="folder of the results")
@@ -37,7 +40,9 @@ def main(arguments: list[str] | None = None) -> None:
             return ours(training, automaton)
 
     cells = []
-    for automaton in published(options.folder):
+    every: list[Published] = [] if options.folder is None else [*published(options.folder)]
+    every += [] if options.gallery is None else gallery(options.gallery)
+    for automaton in every:
         if options.names and automaton.name not in options.names:
             continue
         scored = score(method, automaton, options.noise)
@@ -46,7 +51,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(cells[-1], flush=True)
     told = "clean" if options.noise == 0.0 else f"{100.0 * options.noise:g} % noise"
     folder, measured = place(options), {one["name"] for one in cells}
-    before = load("others", folder).get(told, {"cells": []})["cells"] if options.names else []
+    before = load("others", folder).get(told, {"cells": []})["cells"]
     cells += [one for one in before if one["name"] not in measured]
     cells.sort(key=lambda one: one["name"])
     parts = {told: {"origin": measured_here(), "cells": cells}}

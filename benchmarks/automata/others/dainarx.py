@@ -16,6 +16,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +90,7 @@ class Published:
     laws: dict[int, list[tuple[int, Callable[[dict], float]]]]
     edges: dict[int, list[Edge]]
     starts: list[dict] = field(repr=False)
+    is_flow: ClassVar[bool] = False  # difference equations, unless they have further terms
 
     @property
     def n_modes(self) -> int:

@@ -1,8 +1,8 @@
 """`HybridAutomatonRegressor` on automata that others published, as its page of the manual says.
 
 What DAINARX is told says which of the documented ways it is: samples that its difference equations
-see beyond the present one are lags, laws without further terms are maps, others are flows; further
-terms are polynomials of their degree, or functions; guards that are no planes are quadrics. A map
+see beyond the present one are lags, laws without further terms are maps, others are flows, as those
+of Flowcean are; further terms are polynomials of their degree, or functions; guards that are no planes are quadrics. A map
 is given its inputs with those of the next sample: they go on between the samples. Recordings with
 noise that need earlier samples are of flows: differences of these are mostly noise.
 """
@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.automata.others.dainarx import Published, Recorded
+from benchmarks.automata.others.dainarx import Recorded
+from benchmarks.automata.others.scoring import Published
 from benchmarks.automata.plant import Array
 from swsysid import FunctionLibrary, HybridAutomatonRegressor
 
@@ -70,7 +71,8 @@ class Ours:
 def ours(training: list[Recorded], automaton: Published) -> Ours:
     """The automaton that the package finds, its number of modes and edges included."""
     degree, library = _features(automaton)
-    as_map = degree == 1 and not (automaton.order > 1 and _has_noise(training))
+    is_flow = automaton.is_flow or (automaton.order > 1 and _has_noise(training))
+    as_map = degree == 1 and not is_flow
     fitted = HybridAutomatonRegressor(
         discrete_time=as_map,
         lags=automaton.order - 1 if as_map else 0,
@@ -114,6 +116,9 @@ def _features(automaton: Published) -> tuple[int, int | FunctionLibrary]:
             if called := re.match(r"(sin|cos)\(", one):
                 functions.append(getattr(np, called[1]))
                 names.append(f"{called[1]}({{}})")
+            elif re.match(r"sqrt\(x0 - x1\)", one):
+                functions.append(lambda x, y: np.sqrt(np.maximum(x - y, 0.0)))
+                names.append("sqrt({0} - {1})")
             elif re.match(r"1\s*/", one):
                 functions.append(lambda x: 1.0 / x)
                 names.append("1/{}")

@@ -9,20 +9,56 @@ from __future__ import annotations
 import re
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.automata.figures import matched
-from benchmarks.automata.others.dainarx import Published, Recorded
+from benchmarks.automata.others.dainarx import Recorded
 from benchmarks.automata.plant import Array
 
 __all__ = ["Model", "score"]
 
 NEAR = 2  # samples
 _NAMED = re.compile(r"mode \d|\d -> \d")
+
+
+class Published(Protocol):
+    """An automaton that others published.
+
+    Attributes
+    ----------
+    name, features, kernel : str
+        Further terms of its laws, and of which kind its guards are, as `dainarx.Published` says.
+    order : int
+    is_flow : bool
+        Whether its laws give velocities, whatever their terms.
+    n_modes : int
+    laws : dict
+        By the numbers of the modes.
+    """
+
+    name: str
+    features: str
+    kernel: str
+    order: int
+    is_flow: bool
+
+    @property
+    def n_modes(self) -> int:
+        """Modes that are described."""
+
+    @property
+    def laws(self) -> Mapping[int, object]:
+        """Of each mode."""
+
+    def training(self) -> list[Recorded]:
+        """Recordings for a fit."""
+
+    def unseen(self) -> list[Recorded]:
+        """Recordings for the figures."""
 
 
 class Model(Protocol):
@@ -60,7 +96,7 @@ def score(
     ----------
     method : callable
         Makes a `Model` of recordings; of the automaton it may look at what its own tool is told:
-        `order`, `features`, `kernel`, `dt`, never at laws, edges or modes.
+        `order`, `features`, `kernel`, `is_flow`, never at laws, edges or modes.
     automaton : Published
     noise : float
         Standard deviation of white noise on the states of the training, as a fraction of the
