@@ -40,6 +40,7 @@ class Crossed:
     beside_rates: Array
     signs: Array  # (n_samples,): -1 where it is below zero, 1 where it is above
     shares: Array  # (n_samples,): by which they count
+    stays: NDArray[np.intp]  # (n_samples,): number of the stay of each
     interval: float  # between two samples
 
     def of(self, some: NDArray[np.intp]) -> Crossed:
@@ -54,6 +55,7 @@ class Crossed:
             self.beside_rates[beside],
             self.signs[beside],
             self.shares[beside],
+            self.stays[beside],
             self.interval,
         )
 
@@ -62,7 +64,7 @@ class Crossed:
         name = blake2b(some.tobytes())
         for part in (self.columns, self.rates, self.beside, self.beside_rates):
             name.update(part[:, some].tobytes())
-        for part in (self.errors, self.ramps, self.signs, self.shares):
+        for part in (self.errors, self.ramps, self.signs, self.shares, self.stays):
             name.update(part.tobytes())
         return name.digest()
 
@@ -75,8 +77,9 @@ class Crossed:
         """The same without the samples of the mode, where it is below zero."""
         own = self.signs > 0.0
         beside, rates = self.beside[own], self.beside_rates[own]
-        signs, shares = self.signs[own], self.shares[own]
-        return replace(self, beside=beside, beside_rates=rates, signs=signs, shares=shares)
+        signs, shares, stays = self.signs[own], self.shares[own], self.stays[own]
+        told = replace(self, beside=beside, beside_rates=rates, signs=signs, shares=shares)
+        return replace(told, stays=stays)
 
     @classmethod
     def joined(cls, parts: Sequence[Crossed]) -> Crossed:
@@ -90,5 +93,6 @@ class Crossed:
             np.vstack([one.beside_rates for one in parts]),
             np.concatenate([one.signs for one in parts]),
             np.concatenate([one.shares for one in parts]),
+            np.concatenate([one.stays for one in parts]),
             parts[0].interval,
         )

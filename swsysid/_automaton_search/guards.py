@@ -252,7 +252,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
         if turn >= _TURNS:
             told = _explained(missed, random)
             weights = np.where(told.which, 1.0 / told.scale, 0.0)
-            pulls[_costs_beside(wrong, unit) > random] = 0.0
+            pulls[(_costs_of_stays(own, wrong, unit) > random)[own.stays]] = 0.0
         # where nothing changes any more the turns of the next kind begin
         change = np.abs(np.concatenate([coef, weights, pulls]) - before).max()
         turn += 1
@@ -260,7 +260,7 @@ def _solved(basis: FewColumns, own: Crossed) -> _Program | None:
             kinds = _TURNS_WITHOUT_SIDES, _TURNS, last
             turn = next(first for first in kinds if first >= turn)
     told = _explained(missed, random)
-    cost = told.cost + float(own.shares @ np.minimum(_costs_beside(wrong, unit), random))
+    cost = told.cost + float(_costs_of_stays(own, wrong, unit).clip(max=random).sum())
     rows = values * (weights / (rates * errors))[:, None]
     n_beyond = int((wrong > SETTINGS.near * own.interval).sum())
     return _Program(
@@ -284,6 +284,11 @@ def _costs_beside(wrong: Array, unit: float) -> Array:
     """Nats of samples by how far they are on the wrong side."""
     far = np.maximum(0.0, wrong - unit) / (SETTINGS.far_miss * unit)
     return np.asarray(SETTINGS.far_miss**2 * (np.sqrt(1.0 + np.square(far)) - 1.0))
+
+
+def _costs_of_stays(own: Crossed, wrong: Array, unit: float) -> Array:
+    """Nats of all samples of each stay: that one is left later than its guard says is one miss."""
+    return np.bincount(own.stays, own.shares * _costs_beside(wrong, unit))
 
 
 class _Explained(NamedTuple):

@@ -65,6 +65,7 @@ class GuardContext:
             np.vstack([visits.rates[own], rates[ended]]),
             np.repeat([-1.0, 1.0], [own.sum(), ended.sum()]),
             np.append(shares, np.ones(ended.sum())),
+            np.append(visits.stays[own], visits.stays.max(initial=0) + 1 + np.flatnonzero(ended)),
             self.interval,
         )
 

@@ -107,6 +107,7 @@ class Visits:
     columns: Array  # (n_samples, n_columns), as those of `Switches.before`
     rates: Array
     shares: Array  # (n_samples,): of the samples from one step of the inputs to the next
+    stays: NDArray[np.intp]  # (n_samples,): number of the stay of each
 
 
 def switches_of(
@@ -245,14 +246,14 @@ def _visits(found: StayIdentification, begins: list[Array]) -> Visits:
     modes = modes_of(estimate)
     x, u = recordings.joined(states_of(estimate)), recordings.joined(recordings.u)
     sampled = [t[places] for t, places in zip(recordings.times, recordings.sampled, strict=True)]
-    dwells = [
-        t - begin[np.searchsorted(own.instants, t)]
-        for t, begin, own in zip(sampled, begins, stays, strict=True)
-    ]
+    places = [np.searchsorted(own.instants, t) for t, own in zip(sampled, stays, strict=True)]
+    dwells = [t - begin[own] for t, begin, own in zip(sampled, begins, places, strict=True)]
+    firsts = np.cumsum([0, *map(len, begins)])
+    numbers = np.concatenate([own + first for own, first in zip(places, firsts, strict=False)])
     slopes = np.concatenate([
         np.gradient(recordings.u[: len(t), k], t, axis=0)[places]
         for k, (t, places) in enumerate(zip(recordings.times, recordings.sampled, strict=True))
     ])  # fmt: skip
     columns = np.column_stack([x, u, np.concatenate(dwells), np.concatenate(sampled)])
     rates = np.hstack([estimate.laws.velocities(modes, x, u), slopes, np.ones((len(x), 2))])
-    return Visits(modes, columns, rates, _shares_of_steps(u, recordings.groups))
+    return Visits(modes, columns, rates, _shares_of_steps(u, recordings.groups), numbers)

@@ -17,7 +17,10 @@ def crossed(columns, rates, below, errors=1e-4, interval=0.1):
     errors = np.full(len(columns), errors)
     ramps = np.zeros(len(columns))
     shares = np.ones(n)
-    return Crossed(columns, rates, errors, ramps, below, below_rates, signs, shares, interval)
+    stays = np.arange(n)
+    return Crossed(
+        columns, rates, errors, ramps, below, below_rates, signs, shares, stays, interval
+    )
 
 
 def planted(normal, threshold, n=30):
