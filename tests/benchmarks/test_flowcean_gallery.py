@@ -76,7 +76,11 @@ def test_a_ball_falls_and_jumps_as_it_does_by_hand(folder):
     up = t > 1.0
     np.testing.assert_allclose(done.x[t < 1.0, 0], 1.0 - t[t < 1.0] ** 2, atol=1e-9)  # tolerances
     np.testing.assert_allclose(done.x[up, 1], 1.0 - 2.0 * (t[up] - 1.0), atol=1e-9)
-    assert (ball.n_modes, len(ball.training()), len(ball.unseen())) == (1, 15 - N_UNSEEN, N_UNSEEN)
+    assert (len(ball.numbers), len(ball.training()), len(ball.unseen())) == (
+        1,
+        15 - N_UNSEEN,
+        N_UNSEEN,
+    )
 
 
 def test_a_relay_turns_at_both_surfaces_and_no_start_is_beyond_one(folder):

@@ -81,14 +81,9 @@ class GallerySystem:
         return _FEATURES.get(self.name, "")
 
     @property
-    def laws(self) -> dict[int, object]:
-        """Locations by their numbers."""
-        return dict(enumerate(self.system.locations))
-
-    @property
-    def n_modes(self) -> int:
-        """Number of locations."""
-        return len(self.system.locations)
+    def numbers(self) -> dict[int, int]:
+        """Those of the locations: each has laws of its own."""
+        return {number: number for number in range(len(self.system.locations))}
 
     def training(self) -> list[Recorded]:
         """Recordings for a fit."""
@@ -116,7 +111,7 @@ class GallerySystem:
         time, last = self.span
         t = time + _DT * np.arange(round((last - time) / _DT) + 1)
         location, state = self.system.initial_location, start
-        numbers = {id(one): number for number, one in self.laws.items()}
+        numbers = {id(one): number for number, one in enumerate(self.system.locations)}
         x, modes = np.empty((len(t), len(start))), np.empty(len(t), dtype=np.intp)
         for _ in range(_MOST_SWITCHES):
             ways, told = self.system.transitions_from(location), self._told(location)
