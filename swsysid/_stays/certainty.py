@@ -19,7 +19,6 @@ from swsysid._stays.origin import Origin
 from swsysid._stays.samples import Samples
 from swsysid._stays.settings import LIMITS
 from swsysid._stays.start import in_these
-from swsysid._stays.width import width
 from swsysid._surfaces.surface import is_linear
 
 
@@ -43,7 +42,7 @@ def certainty(found: StayIdentification, origin: Origin | None = None) -> Certai
     together = counted_as_one(found.reached)
     features = found.model.switching_model.feature_map
     change = np.eye(features.n_features_out) if origin is None else origin.change(features)
-    wide = width(found.reached, together)
+    wide = found.width
     of_laws = wide.of_shared[: laws.n_free, : laws.n_free].copy()
     if laws.region is not None:
         _at_bounds(found, of_laws, together)

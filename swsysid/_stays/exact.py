@@ -82,16 +82,24 @@ class ExactModes:
 
         As errors add up that single intervals have independently of each other.
         """
+        return np.asarray(np.sqrt(self._along(laws, 2)))
+
+    def drift(self, laws: Laws) -> Array:
+        """The same, as errors add up that are all of one sign, such as those of a solver."""
+        return self._along(laws, 1)
+
+    def _along(self, laws: Laws, power: int) -> Array:
+        """Powers of what laws leave of each state, summed along the stay where they are most."""
         place, recording = Intervals.places(self.recordings)
         of = self.modes[place, recording]
         within = (of == self.modes[place + 1, recording]) & (self.via[place, recording] < 0)
         within &= ~self.broken[place, recording]
         intervals = Intervals.of(self.recordings)
         stay = np.cumsum(~(within & intervals.follows))
-        squares = np.square(intervals.states[1] - intervals.flown(laws, of))
-        along = np.zeros((stay[-1] + 1, squares.shape[1]))
-        np.add.at(along, stay[within], squares[within])
-        return np.asarray(np.sqrt(along.max(axis=0)))
+        left = np.abs(intervals.states[1] - intervals.flown(laws, of)) ** power
+        along = np.zeros((stay[-1] + 1, left.shape[1]))
+        np.add.at(along, stay[within], left[within])
+        return np.asarray(along.max(axis=0))
 
 
 @step

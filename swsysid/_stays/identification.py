@@ -6,6 +6,7 @@ With it, the noise of measurements by what rollouts leave of them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from swsysid._stays.descent import Reached
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.samples import misfits
 from swsysid._stays.settings import LIMITS
+from swsysid._stays.width import Width, width
 
 _AS_NEIGHBOURS = 1.15  # what is left counts as noise up to so many times what neighbours show
 
@@ -57,6 +59,11 @@ class StayIdentification:
     def estimate(self) -> Estimate:
         """Laws, stays and states."""
         return self.reached.estimate
+
+    @cached_property
+    def width(self) -> Width:
+        """Variances of instants, covariance of laws, guards and resets."""
+        return width(self.reached, counted_as_one(self.reached))
 
     def renamed(self, order: NDArray[np.intp]) -> StayIdentification:
         """The same, mode ``order[k]`` of its estimate called k."""

@@ -296,16 +296,19 @@ def _moved(
     weighted, moved = means * weights[:, None] / units, np.zeros(free.shape)
     for own in np.unique(free, axis=0):
         states = np.flatnonzero((free == own).all(axis=1))
-        rows = weighted[:, own]
-        told = _leverages(rows) < 1.0 - LIMITS.nearly_exactly
-        target = left[told][:, states] * weights[told, None]
-        solved = np.linalg.lstsq(rows[told], target, rcond=_TOLD)[0]
+        rows, target = weighted[:, own], left[:, states] * weights[:, None]
+        leverages, solved = _fitted(rows, target)
+        told = leverages < 1.0 - LIMITS.nearly_exactly
+        if not told.all():
+            solved = _fitted(rows[told], target[told])[1]
         moved[np.ix_(states, own)] = solved.T
     return moved / units
 
 
-def _leverages(rows: Array) -> Array:
-    """How far each row alone decides what a fit is there, from 0 to 1."""
-    left, sizes, _ = np.linalg.svd(rows, full_matrices=False)
+def _fitted(rows: Array, target: Array) -> tuple[Array, Array]:
+    """How far each row alone decides what a fit is there, from 0 to 1, and the least squares."""
+    left, sizes, right = np.linalg.svd(rows, full_matrices=False)
     kept = sizes > _TOLD * sizes.max(initial=0.0)
-    return np.asarray(np.square(left[:, kept]).sum(axis=1))
+    left, right = left[:, kept], right[kept]
+    solved = right.T @ (left.T @ target / sizes[kept, None])
+    return np.asarray(np.square(left).sum(axis=1)), np.asarray(solved)

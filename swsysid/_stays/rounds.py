@@ -23,7 +23,7 @@ from swsysid._stays.count import order_of_switches
 from swsysid._stays.descent import Reached, most_likely
 from swsysid._stays.identification import StayIdentification, StayRecord, leaves_noise, noise_of
 from swsysid._stays.laws import placed
-from swsysid._stays.lifted import Estimate, recombined
+from swsysid._stays.lifted import Estimate, Objective, recombined
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.polynomial_laws import laws_of
 from swsysid._stays.recordings import Recordings, in_exact_steps, sharp_enough
@@ -99,14 +99,20 @@ class Rounds:
             self._round(stage)
         return self.best
 
-    def begin_at(self, stays: Sequence[Stays]) -> StayIdentification:
-        """The first round where the stays are known."""
+    def begin_at(self, stays: Sequence[Stays], *, exactly: bool = False) -> StayIdentification:
+        """The first round where the stays are known, and the laws and states too if `exactly`."""
         recordings = self.recordings
         measured = np.isfinite(recordings.y)
         self.recordings = recordings.with_guess(np.where(measured, recordings.y, recordings.guess))
         nodes = Nodes(self.recordings, stays)
-        states = self.recordings.in_a_row(self.recordings.guess)
-        self._keep(*self._estimated(Estimate(self.laws, nodes, states), 0), 0, 0)
+        first = Estimate(self.laws, nodes, self.recordings.in_a_row(self.recordings.guess))
+        first = first.flown_to(np.flatnonzero(~np.isfinite(nodes.y).any(axis=1)))
+        if exactly:
+            objective = Objective(self.noise, self.settings.ties[-1][0])
+            reached = Reached(first, objective, objective.value(first))
+            self._keep(self.start, on_present_modes(reached), 0, 0)
+        else:
+            self._keep(*self._estimated(first, 0), 0, 0)
         assert self.last is not None
         self.modes = intervals_of(self.last.estimate)
         return self.best

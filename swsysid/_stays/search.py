@@ -259,9 +259,9 @@ class Search:
         alternation.begin()
         return self._finished(alternation)
 
-    def _finished(self, begun: Alternation, *, exactly: bool = False) -> StayIdentification:
-        """The other rounds, unless stays are known exactly, and the terms that are needed."""
-        found = begun.finish(self.told, exactly=exactly)
+    def _finished(self, begun: Alternation) -> StayIdentification:
+        """The other rounds, and the terms that are needed."""
+        found = begun.finish(self.told)
         return with_few_terms(found, self.estimator.sparsity, self.settings)
 
     def by_intervals(self) -> ExactStart | None:
@@ -314,14 +314,18 @@ class Search:
     ) -> StayIdentification:
         """The most likely laws and modes from known stays of recordings.
 
-        What they leave in single intervals, as a solver does, counts as noise from then on.
+        What they leave in single intervals, as a solver does, counts as noise from then on. Where
+        that adds up to no misfit along any stay, a descent has nothing to mend.
         """
+        told = (exact.modes.drift(exact.laws) <= LIMITS.exactly * exact.laws.spread).all()
+        told = told and not self.surfaces
         with self.quietly():
             noise = np.maximum(self.base.noise, exact.modes.errors(exact.laws))
             self._by_stretch[1.0] = replace(self.base, noise=noise)
             begun = self.alternation(exact.start, exact.laws.free, recordings)
-            begun.begin_at(stays)
-            found = self._finished(begun, exactly=True)
+            begun.begin_at(stays, exactly=told)
+            found = begun.best if told else begun.finish(self.told, exactly=True)
+            found = with_few_terms(found, self.estimator.sparsity, self.settings)
             noise = np.maximum(noise, found.reached.noise)
             return replace(found, reached=found.reached.with_noise(noise))
 

@@ -8,7 +8,8 @@ therefore asked at instants that are later and sooner by the standard error s th
 .. math:: s^2 = \sigma^2(\tau \pm s),
 
 all crossings of a surface to one side of it. Where the laws differ at the switch the matrix is the
-same everywhere near, and so are its errors.
+same everywhere near, and so are its errors: where the derivatives by the instants are nearly the
+same on both sides it is not asked again.
 
 Samples on the wrong side of a surface push it, and say nothing of how far it may be pushed back:
 crossings alone tell how certain it is.
@@ -24,6 +25,7 @@ from scipy.linalg import LinAlgError
 from swsysid._results import Array
 from swsysid._stays.descent import Reached
 from swsysid._stays.equations import Covariance
+from swsysid._stays.flow import switching
 from swsysid._stays.lifted import Estimate
 
 # Part of the stays beside it by which an instant is moved at most; the factor within which errors
@@ -51,6 +53,8 @@ def width(reached: Reached, together: float) -> Width:
         return at
     most, towards = _farthest(reached.estimate), _towards(reached.estimate)
     size = np.minimum(np.sqrt(at.of_instants[: len(most)]), most)
+    if _is_steady(reached.estimate, size):
+        return at
     for _ in range(_MOST):
         sides = [_moved(reached, sign * size * towards, together) for sign in (1.0, -1.0)]
         both = [one for one in sides if one is not None]
@@ -62,6 +66,20 @@ def width(reached: Reached, together: float) -> Width:
             break
         size = np.sqrt(found * size)
     return at
+
+
+def _is_steady(estimate: Estimate, moves: Array) -> bool:
+    """Whether rollouts change by instants that are sooner or later as they do at the estimate.
+
+    Up to the part within which errors are the same.
+    """
+    nodes = estimate.nodes
+    here, *there = (
+        switching(estimate.motion, moved, estimate.states, estimate.resets).by_instant
+        for moved in (nodes, *(nodes.moved(nodes.instants + sign * moves) for sign in (1.0, -1.0)))
+    )
+    off = [one.shape == here.shape and np.linalg.norm(one - here, axis=1) for one in there]
+    return all((one < (_SAME - 1.0) * np.linalg.norm(here, axis=1)).all() for one in off)
 
 
 def _of(covariance: Covariance, together: float) -> Width:

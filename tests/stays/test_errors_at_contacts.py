@@ -5,8 +5,18 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid._data.features import Monomials
+from swsysid._data.recordings import Record
+from swsysid._stays.descent import Reached
+from swsysid._stays.laws import Laws
+from swsysid._stays.lifted import Estimate, Objective
+from swsysid._stays.nodes import Nodes
+from swsysid._stays.recordings import Recordings
+from swsysid._stays.stays import Stays
+from swsysid._stays.width import width
 
 CONTACT, NOISE, STIFFER = 0.5, 0.01, 6.0
+FREE = np.ones((2, 1, 1), dtype=bool)
 STARTS = (1.0, 0.0), (-1.2, 0.5), (0.2, 1.4), (0.8, -1.0)
 
 
@@ -45,3 +55,23 @@ def test_error_of_a_contact_is_no_accident(seed):
     off = (found.switch_times_[0] - contacts[0]) / found.switch_time_errors_[0]
     assert len(off) == len(contacts[0]) and (np.abs(off) < 2.5).all()
     assert (found.switch_time_errors_[0] < 0.03).all()  # one sample
+
+
+def test_where_laws_differ_the_matrix_is_asked_once(monkeypatch):
+    # x' = 1 and then x' = -1: a switch that is off by s moves what follows by 2 s, wherever it is
+    asked, matrix = [], Objective.normal_equations
+    monkeypatch.setattr(
+        Objective, "normal_equations", lambda *told: asked.append(told) or matrix(*told)
+    )
+    t = 0.1 * np.arange(41.0)
+    x = np.minimum(t, 4.1 - t)[:, None]
+    laws = Laws(np.array([[[1.0]], [[-1.0]]]), Monomials.up_to(0, 1), np.ones(1), FREE)
+    recordings = Recordings.of([Record(t, x, np.empty((41, 0)))])
+    stays = [Stays(np.array([0, 1]), np.array([2.05]))]
+    estimate = Estimate(laws, Nodes(recordings, stays), recordings.in_a_row(recordings.guess))
+    reached = Reached(estimate, Objective(np.array([NOISE]), 0.0055), 0.0)
+    found = width(reached, 1.0)
+    assert len(asked) == 1
+    # the instant is where the lines through about twenty samples on either side meet: their
+    # levels there are off by 2 NOISE / sqrt(20) each, and it is off by half of what both differ by
+    assert np.sqrt(found.of_instants[0]) == pytest.approx(NOISE * np.sqrt(2.0 / 20.0), rel=0.05)

@@ -1,9 +1,16 @@
 """Recordings without noise: laws interval by interval, modes and instants where flows meet."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from swsysid import PolynomialSurfaceClassifier, SwitchingSystemRegressor, TrajectoryIdentifier
+from swsysid import (
+    HybridAutomatonRegressor,
+    PolynomialSurfaceClassifier,
+    SwitchingSystemRegressor,
+    TrajectoryIdentifier,
+)
 from swsysid._data.features import Monomials
 from swsysid._data.recordings import Record
 from swsysid._stays.exact import exact_modes
@@ -116,6 +123,33 @@ def test_a_stay_between_two_samples_is_found():
         assert stay.modes.tolist() == [0, 2, 1, 2, 0, 2, 1]
         np.testing.assert_allclose(stay.instants[2:4], [1.812, 1.834], atol=1e-7)
         assert 1.812 < modes.between(k)[0] < 1.834
+
+
+def test_errors_of_one_sign_add_up_to_the_drift_of_a_stay():
+    # x' = 1 is told as 1 + 1e-3: off by 5e-5 in each of 40 intervals
+    record = Record(STEP * np.arange(41), np.arange(41.0)[:, None] * STEP, np.empty((41, 0)))
+    law = Laws(np.array([[[1.001]]]), Monomials.up_to(0, 1), np.ones(1), np.ones((1, 1, 1), bool))
+    modes = exact_modes(law, Recordings.of([record]), StaySettings())
+    whole = replace(modes, broken=np.zeros_like(modes.broken))
+    np.testing.assert_allclose(whole.drift(law), 40 * 5e-5, rtol=1e-9)
+    np.testing.assert_allclose(whole.errors(law), np.sqrt(40) * 5e-5, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:The switches")  # at times that no state tells
+def test_laws_that_explain_all_stays_are_not_descended(monkeypatch):
+    def never(*_, **__):
+        raise AssertionError("a descent has nothing to mend")
+
+    stays = [(0, 0.512), (1, 1.333), (2, 1.827), (0, 2.291), (1, 9.0)]
+    starts = [(0.3, 1.0), (-0.5, 0.7), (0.1, -0.6), (0.7, 0.2)]
+    records = [sampled(start, stays, 80) for start in starts]
+    monkeypatch.setattr("swsysid._stays.rounds.most_likely", never)
+    found = HybridAutomatonRegressor(3, feature_library=1, refine=False, random_state=0).fit(
+        [{"t": record.t, "x": record.y} for record in records]
+    )
+    order = [int(np.abs(found.coef_ - law).max(axis=(1, 2)).argmin()) for law in TRUTH]
+    np.testing.assert_allclose(found.coef_[order], TRUTH, atol=1e-7)
+    np.testing.assert_allclose(found.switch_times_, [[0.512, 1.333, 1.827, 2.291]] * 4, atol=1e-7)
 
 
 def test_a_jump_is_a_break_and_no_switch():

@@ -203,3 +203,11 @@ def test_a_library_that_learns_from_its_data_is_learnt_once():
     # with features of two different scales it is some 3 %; the surface is off by as little as noise
     assert np.median(np.abs(error)) < 0.005
     assert found.score(recordings) > 0.999
+
+
+def test_laws_that_overflow_in_a_step_take_the_finest_ones():
+    # x' = 1e9 x^3 leaves all bounds within a step, as a start whose law is still wrong may
+    wild = replace(DECAY, coef=np.array([[[1e9]]]), features=lambda X: X**3)
+    with np.errstate(over="ignore", invalid="ignore"):
+        fine = in_exact_steps(decaying(0.5), wild, np.array([0.01]), SETTINGS)
+    assert fine.per_sample == SETTINGS.most_steps
