@@ -49,6 +49,26 @@ def test_a_plane_is_found_with_the_columns_that_it_needs(normal, used):
     assert found.miss < 1e-9
 
 
+def test_a_plane_in_more_columns_than_three_is_found_from_all_of_them():
+    """Five of six, as where a controller with an integral part saturates; two clocks beside."""
+    normal = np.array([1.0, -1.0, 0.5, 2.0, 0.0, -0.7, 0.0, 0.0])
+    found = best_guard(planted(normal, 0.7), degree=1)
+    assert found.some.tolist() == [0, 1, 2, 3, 5]
+    at = RNG.normal(size=(5, 8))
+    np.testing.assert_allclose(found.guard.values(at), at @ normal - 0.7, atol=1e-8)
+
+
+def test_a_stay_that_is_left_later_than_the_guard_says_is_one_miss():
+    """Thirty switches at x = 1 and, within a percent, at y = 2; 200 samples of a stay beyond."""
+    at = np.column_stack([np.ones(30), 2.0 + 0.01 * RNG.normal(size=30), RNG.normal(size=(30, 2))])
+    below = RNG.uniform(-1.0, 0.9, (400, 4))
+    below[:200, 0] = RNG.uniform(1.1, 3.0, 200)  # a recording that begins there
+    data = crossed(at, np.ones(at.shape), below)
+    stays = np.concatenate([np.zeros(200, dtype=int), 1 + np.arange(200) // 20])
+    told = [best_guard(one, degree=1).some.tolist() for one in (replace(data, stays=stays), data)]
+    assert told == [[0], [1]]  # sample by sample it were 200 misses
+
+
 def test_a_guard_has_the_least_degree_that_explains_its_switches():
     """A plane where a quadric is allowed; and a circle, which no plane explains."""
     plane = best_guard(planted([0.0, -1.0, 0.5], 0.7), degree=2)

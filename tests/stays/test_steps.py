@@ -66,6 +66,15 @@ def test_no_step_is_shorter_than_needed():
     assert in_exact_steps(decaying(2.0), DECAY, np.array([0.01]), SETTINGS).per_sample > 1
 
 
+def test_a_wild_law_that_explains_no_step_asks_for_no_finer_ones():
+    coef = np.array([[[-1.0]], [[-400.0]]])
+    both = Laws(coef, DECAY.features, DECAY.spread, np.zeros(coef.shape, dtype=bool))
+    recordings, noise = decaying(0.02), np.array([0.01])
+    assert in_exact_steps(recordings, both, noise, SETTINGS).per_sample == 1
+    wild = Laws(coef[1:], DECAY.features, DECAY.spread, np.zeros((1, 1, 1), dtype=bool))
+    assert in_exact_steps(recordings, wild, noise, SETTINGS).per_sample > 1
+
+
 def test_laws_that_can_be_stepped_more_exactly_need_no_finer_steps():
     affine = AffineLaws(DECAY.coef, DECAY.features, DECAY.spread, DECAY.free, np.ones((1, 1), int))
     recordings, noise = decaying(2.0), np.array([1e-3])
