@@ -63,7 +63,14 @@ def _at_samples_or_not(switches: Switches, context: GuardContext) -> list[Settle
     asked = _settled(switches.asked_at_samples(interval), context)
     if nats_of(found, interval) + len(switches) <= nats_of(asked, interval):
         return found
-    return [replace(one, asked_at_samples=not one.switches.jumped.all()) for one in asked]
+    told = [
+        one if one.switches.jumped.any() else _asked_at_samples(one, context) for one in asked
+    ]
+    return _with_tellers(told, context)
+
+
+def _asked_at_samples(one: Settled, context: GuardContext) -> Settled:
+    return replace(one, guard=context.asked(one.switches), asked_at_samples=True)
 
 
 def nats_of(found: Sequence[Settled], interval: float) -> float:
