@@ -158,8 +158,9 @@ def cheapest_guard(
 ) -> FoundGuard | None:
     """The guard of least cost among those of few columns; the simplest one that costs the least.
 
-    More than few are asked from all of them backwards, one column fewer at a time. One to begin with, if there is any, is left only for one that is better. Its rivals are the
-    cheapest ones that tell the same switches to within samples, which are an `interval` apart.
+    More than few are asked from all of them backwards, one column fewer at a time. One to begin
+    with, if there is any, is left only for one that is better. Its rivals are the cheapest ones
+    that tell the same switches to within samples, which are an `interval` apart.
     `given` are the columns at its switches, (n_switches, n_columns). A guard of more columns whose
     terms, straight ones of `random` nats each at least, alone cost too much is not asked: `most` is
     what any may cost. ``guard_of(columns, least)`` may end once it costs more than the least.

@@ -127,15 +127,23 @@ class Laws:
         """The same laws whose steps are ever more exact, where that costs less than finer ones."""
         return iter((self,))
 
-    def error_of_steps(self, x: Array, u: Array, after: Array, duration: Array) -> Array:
-        """By how much steps miss two of half their length, at most in any mode; shape of `x`."""
-        errors, half, middle = [], 0.5 * duration, 0.5 * (u + after)
+    def error_of_steps(
+        self, x: Array, u: Array, after: Array, duration: Array, ends: Array
+    ) -> Array:
+        """By how much steps miss two of half their length; shape of `x`.
+
+        Each in the mode that comes nearest the end of the step: the law of another one may be
+        anything there.
+        """
+        errors, misses, half, middle = [], [], 0.5 * duration, 0.5 * (u + after)
         for mode in self.modes:
             modes = np.full(len(x), mode, dtype=np.intp)
             halved = self.step(modes, x, u, middle, half)
             halved = self.step(modes, halved, middle, after, half)
             errors.append(np.abs(halved - self.step(modes, x, u, after, duration)))
-        return np.max(errors, axis=0)
+            misses.append(np.square((halved - ends) / self.spread).sum(axis=1))
+        nearest = np.nan_to_num(misses, nan=np.inf).argmin(axis=0)
+        return np.array(errors)[nearest, np.arange(len(x))]
 
     def sides(self, old: Modes, new: Modes) -> tuple[Modes, Modes]:
         """Modes that the surface of each switch separates."""

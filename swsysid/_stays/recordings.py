@@ -370,6 +370,7 @@ def _excess(recordings: Recordings, laws: Laws, noise: Array, settings: StaySett
     """Error of the longest rollout with one step for each interval, by what it may be."""
     inside = recordings.steps > 0.0
     x, u, after = recordings.guess[:-1][inside], recordings.u[:-1][inside], recordings.after[inside]
-    errors = laws.error_of_steps(x, u, after, recordings.steps[inside])
+    ends = recordings.guess[1:][inside]
+    errors = laws.error_of_steps(x, u, after, recordings.steps[inside], ends)
     gathered = len(recordings.steps) * errors.mean(axis=0)
     return float((gathered / (settings.exact * noise)).max())

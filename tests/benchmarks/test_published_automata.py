@@ -118,3 +118,14 @@ def test_the_command_finds_a_thermostat(tmp_path, capsys):
     assert cell["mean"] <= RIGHT  # a guard lies between two samples: a switch comes one late
     assert cell["switches"] == cell["labels"] == 1.0
     assert "1 of 1 within" in capsys.readouterr().out
+
+
+def test_modes_of_one_law_are_one_and_those_never_seen_none(tmp_path):
+    told = json.loads(json.dumps(FALL))
+    told["automaton"]["mode"] += [
+        {"id": 3, "eq": "x[2] = -1,  y[2]=-1"},
+        {"id": 4, "eq": "x[2] = 7, y[2] = 7"},
+    ]
+    automaton = _read(tmp_path, told)
+    assert automaton.numbers == {1: 0, 2: 1, 3: 0, 4: 2}
+    assert _truth(automaton)["modes"] == 0.0  # the truth of two modes, of which both are seen

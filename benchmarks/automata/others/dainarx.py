@@ -76,6 +76,8 @@ class Published:
     laws : dict of int to list of (int, callable)
         Order and highest derivative of each state.
     edges : dict of int to list of Edge
+    numbers : dict of int to int
+        Of the modes; those of the same laws have the same.
     starts : list of dict
     """
 
@@ -89,13 +91,9 @@ class Published:
     kernel: str
     laws: dict[int, list[tuple[int, Callable[[dict], float]]]]
     edges: dict[int, list[Edge]]
+    numbers: dict[int, int]
     starts: list[dict] = field(repr=False)
     is_flow: ClassVar[bool] = False  # difference equations, unless they have further terms
-
-    @property
-    def n_modes(self) -> int:
-        """Modes that are described."""
-        return len(self.laws)
 
     def training(self) -> list[Recorded]:
         """Recordings for a fit."""
@@ -204,8 +202,15 @@ def _described(name: str, told: dict) -> Published:
         edges.setdefault(source, []).append(Edge(target, _made(edge["condition"]), resets))
     return Published(
         name, states, inputs, config["dt"], n_steps, config["order"], config["other_items"],
-        config["kernel"], laws, edges, told["init_state"],
+        config["kernel"], laws, edges, _numbers(automaton["mode"]), told["init_state"],
     )  # fmt: skip
+
+
+def _numbers(modes: list[dict]) -> dict[int, int]:
+    """Of the modes by their laws, however these are spaced."""
+    told = {mode["id"]: "".join(mode["eq"].split()) for mode in modes}
+    places = {law: place for place, law in enumerate(dict.fromkeys(told.values()))}
+    return {mode: places[law] for mode, law in told.items()}
 
 
 def _names(told: str | None) -> list[str]:

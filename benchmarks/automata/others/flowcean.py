@@ -26,6 +26,7 @@ from benchmarks.automata.plant import Array
 __all__ = ["GallerySystem", "gallery"]
 
 N_UNSEEN, _N_STARTS, _DT = 6, 15, 0.01
+_MOST_SWITCHES = 256  # as in Flowcean itself
 _AROUND = 0.3  # of the largest value of a state in the gallery's own trace; of one that is 0, one
 _TOLERANCES = {"rtol": 1e-10, "atol": 1e-12}
 
@@ -80,14 +81,9 @@ class GallerySystem:
         return _FEATURES.get(self.name, "")
 
     @property
-    def laws(self) -> dict[int, object]:
-        """Locations by their numbers."""
-        return dict(enumerate(self.system.locations))
-
-    @property
-    def n_modes(self) -> int:
-        """Number of locations."""
-        return len(self.system.locations)
+    def numbers(self) -> dict[int, int]:
+        """Those of the locations: each has laws of its own."""
+        return {number: number for number in range(len(self.system.locations))}
 
     def training(self) -> list[Recorded]:
         """Recordings for a fit."""
@@ -115,9 +111,9 @@ class GallerySystem:
         time, last = self.span
         t = time + _DT * np.arange(round((last - time) / _DT) + 1)
         location, state = self.system.initial_location, start
-        numbers = {id(one): number for number, one in self.laws.items()}
+        numbers = {id(one): number for number, one in enumerate(self.system.locations)}
         x, modes = np.empty((len(t), len(start))), np.empty(len(t), dtype=np.intp)
-        while time < last:
+        for _ in range(_MOST_SWITCHES):
             ways, told = self.system.transitions_from(location), self._told(location)
             flow = location.dynamics.flow
             done = solve_ivp(
@@ -125,7 +121,7 @@ class GallerySystem:
                 (time, last), state, events=[_event(one, told, self.given) for one in ways],
                 dense_output=True, **_TOLERANCES,
             )  # fmt: skip
-            here = (t >= time) & (t <= done.t[-1])
+            here = (t >= time) & (t <= done.t[-1] + np.spacing(last))
             x[here], modes[here] = done.sol(t[here]).T, numbers[id(location)]
             if done.status == 0:
                 break
@@ -134,6 +130,8 @@ class GallerySystem:
             if taken.reset is not None:
                 state = np.asarray(taken.reset.fn(time, state, told, self.given), dtype=float)
             location = taken.target
+        else:
+            raise ValueError(f"{self.name} switches more than {_MOST_SWITCHES} times.")
         return Recorded(t, x, self._logged(t), modes)
 
     def _told(self, location) -> dict:

@@ -2,9 +2,10 @@
 
 What DAINARX is told says which of the documented ways it is: samples that its difference equations
 see beyond the present one are lags, laws without further terms are maps, others are flows, as those
-of Flowcean are; further terms are polynomials of their degree, or functions; guards that are no planes are quadrics. A map
-is given its inputs with those of the next sample: they go on between the samples. Recordings with
-noise that need earlier samples are of flows: differences of these are mostly noise.
+of Flowcean are; further terms are polynomials of their degree, or functions; guards that are no
+planes are quadrics. A map is given its inputs with those of the next sample: they go on between the
+samples. Recordings with noise that need earlier samples are of flows: differences of these are
+mostly noise.
 """
 
 from __future__ import annotations

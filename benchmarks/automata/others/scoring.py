@@ -35,9 +35,8 @@ class Published(Protocol):
     order : int
     is_flow : bool
         Whether its laws give velocities, whatever their terms.
-    n_modes : int
-    laws : dict
-        By the numbers of the modes.
+    numbers : dict of int to int
+        Of its modes; those of the same laws have the same, as nothing tells them apart but history.
     """
 
     name: str
@@ -47,12 +46,8 @@ class Published(Protocol):
     is_flow: bool
 
     @property
-    def n_modes(self) -> int:
-        """Modes that are described."""
-
-    @property
-    def laws(self) -> Mapping[int, object]:
-        """Of each mode."""
+    def numbers(self) -> Mapping[int, int]:
+        """Of the modes."""
 
     def training(self) -> list[Recorded]:
         """Recordings for a fit."""
@@ -107,7 +102,8 @@ def score(
     Returns
     -------
     dict
-        ``modes`` too many, ``labels`` the share of training samples in their mode, ``mean`` and
+        ``modes`` beyond those of different laws in the training, ``labels`` the share of training
+        samples in their mode, ``mean`` and
         ``largest`` deviation of the unseen rollouts, each state in units of its largest value
         there (as DAINARX counts; infinite where a rollout ends early), ``switches`` the share of
         unseen switches that the rollouts make within two samples, and no others, ``doubts``
@@ -129,13 +125,13 @@ def score(
         except (ValueError, TypeError, TimeoutError) as refusal:
             return {"refused": str(refusal), "seconds": time.process_time() - began}
     seconds = time.process_time() - began
-    numbers = {mode: place for place, mode in enumerate(automaton.laws)}
+    numbers = automaton.numbers
     true = np.concatenate([[numbers[mode] for mode in one.modes.tolist()] for one in training])
-    order = matched(true, model.modes, automaton.n_modes, model.n_modes)
+    order = matched(true, model.modes, max(numbers.values()) + 1, model.n_modes)
     every = [_of_rollout(model, one, order, numbers) for one in unseen]
     hits, of = (sum(one[k] for one in every) for k in (2, 3))
     return {
-        "modes": float(model.n_modes - automaton.n_modes),
+        "modes": float(model.n_modes - len(np.unique(true))),
         "labels": float(np.mean(order[true] == model.modes)),
         "mean": float(np.mean([one[0] for one in every])),
         "largest": float(np.max([one[1] for one in every])),
@@ -147,7 +143,7 @@ def score(
 
 
 def _of_rollout(
-    model: Model, seen: Recorded, order: NDArray[np.intp], numbers: dict[int, int]
+    model: Model, seen: Recorded, order: NDArray[np.intp], numbers: Mapping[int, int]
 ) -> tuple[float, float, int, int]:
     """Mean and largest deviation, switches that both make, and that either does."""
     at = model.n_first - 1
