@@ -109,7 +109,8 @@ def test_guards_are_compared_alike_in_seconds_and_milliseconds():
     def gap(second):
         own = SimpleNamespace(errors=np.full(8, 0.01 * second))
         some = SimpleNamespace(guard=None, switches=own)
-        told = SimpleNamespace(guard=SimpleNamespace(cost=3.0), switches=own)
+        of_state = SimpleNamespace(powers=np.array([[1, 0, 0]]))
+        told = SimpleNamespace(guard=SimpleNamespace(cost=3.0, guard=of_state), switches=own)
         return nats_of([told, told], STEP * second) - nats_of([told, some], STEP * second)
 
     assert gap(1e3) == pytest.approx(gap(1.0), rel=1e-12)

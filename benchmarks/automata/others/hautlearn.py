@@ -53,14 +53,10 @@ class RecordedExample:
     order, is_flow = 1, True
 
     @property
-    def laws(self) -> dict[int, None]:
-        """The numbers of the modes; the laws themselves are told nowhere but in the picture."""
-        return dict.fromkeys(np.unique(np.concatenate([run.modes for run in self.runs])).tolist())
-
-    @property
-    def n_modes(self) -> int:
-        """Modes that were recorded."""
-        return len(self.laws)
+    def numbers(self) -> dict[int, int]:
+        """Those of the modes that were recorded."""
+        modes = np.unique(np.concatenate([run.modes for run in self.runs]))
+        return {mode: number for number, mode in enumerate(modes.tolist())}
 
     def training(self) -> list[Recorded]:
         """Recordings for a fit."""
