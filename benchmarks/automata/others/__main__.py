@@ -1,10 +1,12 @@
 """Automata that others published, found by the documented way: a leaderboard.
 
-    python -m benchmarks.automata.others [FOLDER] [--gallery FOLDER] [--names ATVA/ball ...]
-                                         [--noise 0] [--limit 60] [--output FOLDER] [--docs docs]
+    python -m benchmarks.automata.others [FOLDER] [--gallery FOLDER] [--hautlearn FOLDER]
+                                         [--names ATVA/ball ...] [--noise 0] [--limit 60]
+                                         [--output FOLDER] [--docs docs]
 
 FOLDER has the JSON files of DAINARX, as its repositories keep them beneath ``automata``; the
-gallery is that of Flowcean: Python, which is imported. Figures of what is not asked stay as they
+gallery is that of Flowcean: Python, which is imported; the examples of HAutLearn are MATLAB's
+recordings. Figures of what is not asked stay as they
 were. Another method is scored by `scoring.score`: model in, figures out. Seconds are CPU seconds of
 the fit.
 """

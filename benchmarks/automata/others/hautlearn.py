@@ -1,4 +1,4 @@
-"""Recorded runs of HAutLearn's examples, which come without a description that can be read.
+"""Recorded runs of HAutLearn's examples.
 
 An example (verivital/hautlearn, folder ``example``; Yang et al., ACM TCPS 2021) is a folder with
 runs of Simulink in ``trainingdata``, files of MATLAB with one table each, and a ``gen_data.m`` that
@@ -25,8 +25,6 @@ _DEGREE = 2  # of examples whose main file says none
 # What is known of an example beside its polynomials: functions that its laws need, bent guards.
 _FEATURES = {"collision_avoidance": "sin(x[?]); cos(x[?])"}
 _BENT = {"collision_avoidance"}
-# Examples without a generator; the columns are those that their plot_buck.m names.
-_COLUMNS = {"buck_converter": ["il", "vc", "tout", "mode"]}
 
 
 @dataclass(frozen=True)
@@ -68,19 +66,16 @@ class RecordedExample:
 
 
 def examples(folder: str | Path) -> list[RecordedExample]:
-    """All examples beneath a folder whose columns are known, by name."""
+    """All examples beneath a folder with a generator and its recordings, by name."""
     found = []
-    for data in sorted(Path(folder).rglob("trainingdata")):
-        generator, name = data.parent / "gen_data.m", data.parent.name
-        if generator.is_file():
-            columns = _columns(generator.read_text(encoding="utf-8"))
-        elif name in _COLUMNS:
-            columns = _COLUMNS[name]
-        else:
+    for generator in sorted(Path(folder).rglob("gen_data.m")):
+        data, name = generator.parent / "trainingdata", generator.parent.name
+        if not data.is_dir():
             continue
+        columns = _columns(generator.read_text(encoding="utf-8"))
         runs = [_run(file, columns) for file in sorted(data.glob("*.mat"), key=_number)]
         told = "\n".join(
-            file.read_text(encoding="utf-8") for file in sorted(data.parent.rglob("main.m"))
+            file.read_text(encoding="utf-8") for file in sorted(generator.parent.rglob("main.m"))
         )
         degree = max(map(int, re.findall(r"PolyDegree\s*=\s*(\d+)", told)), default=_DEGREE)
         n_training = int(re.findall(r"for i\s*=\s*1:(\d+)", told)[0])
