@@ -38,6 +38,8 @@ _ROUNDINGS = 8.0
 # Crossings: roots of a guard so close to the real line, in halves of a step, are looked at:
 # a double root comes out as a pair apart by the square root of rounding.
 _CLOSE_PAIR = 1e-6
+# Of the interval at which guards are asked, within which two times are one: sums of it round.
+_SAME_TIME = 1e-6
 
 
 @dataclass
@@ -77,6 +79,18 @@ class GuardColumns:
     def at(self, time: float) -> Array:
         """The columns at one time."""
         return np.concatenate([*self.piece.at(time), (time - self.entered, time)])
+
+
+def first_asked(watched: Watched, columns: GuardColumns, times: Array) -> float | None:
+    """The first of some times at which a transition is taken, whose guard is asked there alone."""
+    if not len(times):
+        return None
+    values = watched.transition.guard.values(columns(times))
+    for time, value in zip(times.tolist(), values.tolist(), strict=True):
+        if watched.fires(value):
+            return float(time)
+        watched.passes(value)
+    return None
 
 
 def first_rise(watched: Watched, columns: GuardColumns, n_states: int) -> float | None:
@@ -158,8 +172,9 @@ def _located(watched: Watched, columns: GuardColumns, before: float, after: floa
 class GuardWatch:
     """The transitions out of the present mode, since it was entered."""
 
-    def __init__(self, transitions: Sequence[Transition], mode: int, x0: Array, time: float):
-        self.transitions, self.mode, self.entered = tuple(transitions), mode, time
+    def __init__(self, transitions: Sequence[Transition], mode: int, x0: Array, t: Array):
+        self.transitions, self.mode, self.entered = tuple(transitions), mode, float(t[0])
+        self.t = t  # times of the rollout
         self.sizes = np.abs(x0)  # of the states in the last step
         self.watched: list[Watched] = []
 
@@ -192,6 +207,8 @@ class GuardWatch:
         """The first transition that is taken at a state."""
         columns = self._columns(x, time, signal)
         for one in self.watched:
+            if one.transition.asked_every is not None:  # along a step, its beginning included
+                continue
             # inputs that are held jump to a value: there is no rise that would pass by zero
             if one.fires(one.transition.guard.at(columns), slack=one.band):
                 return one.transition
@@ -200,11 +217,30 @@ class GuardWatch:
     def first(self, piece: Piece, n_states: int) -> tuple[float, Transition] | None:
         """The first transition along a step of the integrator, and when it is taken."""
         columns = GuardColumns(piece, self.entered)
-        rises = [first_rise(one, columns, n_states) for one in self.watched]
+        rises = [
+            first_rise(one, columns, n_states)
+            if one.transition.asked_every is None
+            else first_asked(one, columns, self._asked(one.transition.asked_every, piece))
+            for one in self.watched
+        ]
         times = [time for time in rises if time is not None]
         if not times:
             return None
         return min(times), self.watched[rises.index(min(times))].transition
+
+    def _asked(self, every: float, piece: Piece) -> Array:
+        """Times from the beginning of a step until before its end at which a guard is asked.
+
+        The mode was entered before. One that is a time of the rollout but for rounding is that one.
+        """
+        ends = np.array([piece.start, piece.stop]) - self.t[0]
+        first, last = np.ceil(ends / every - _SAME_TIME)
+        times = self.t[0] + every * np.arange(first, last)
+        after = np.searchsorted(self.t, times - _SAME_TIME * every)
+        near = self.t[np.minimum(after, len(self.t) - 1)]
+        times = np.where(np.abs(near - times) <= _SAME_TIME * every, near, times)
+        times = np.clip(times, piece.start, piece.stop)
+        return times[times > self.entered + _SAME_TIME * every]
 
     def passed(self, before: Array, after: Array) -> None:
         """Take note of the states at both ends of a step."""
@@ -282,7 +318,7 @@ class _Rollout(SwitchingRollout):
         super().__init__(GuardedSystem(system, scales), x0, t, options)
         self.present, self.automaton = system, system.automaton
         self.signal: Signal = _no_signal
-        self.watch = GuardWatch(self.automaton.transitions, system.present, x0, self.time)
+        self.watch = GuardWatch(self.automaton.transitions, system.present, x0, t)
 
     def enter(self, signal: Signal) -> None:
         self.signal, begins = signal, not self.done.modes

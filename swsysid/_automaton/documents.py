@@ -21,7 +21,7 @@ from swsysid._automaton.transitions import (
     guard_of,
 )
 from swsysid._checks.arrays import numbers
-from swsysid._checks.parameters import flag, names_of_columns, whole
+from swsysid._checks.parameters import flag, names_of_columns, real, whole
 from swsysid._data.features import FeatureMap, FunctionLibrary, check_degree
 from swsysid._results import Array
 
@@ -178,6 +178,7 @@ def _written_transition(one: Transition) -> dict[str, object]:
         "guard": _written_guard(one.guard),
         "reset": reset and {"matrix": reset.matrix.tolist(), "offset": reset.offset.tolist()},
         "support": int(one.support),
+        **({} if one.asked_every is None else {"asked_every": float(one.asked_every)}),
     }
 
 
@@ -208,6 +209,7 @@ def _read_transition(entry: object) -> Transition:
         _read_guard(_mapping(told["guard"])),
         None if told["reset"] is None else _read_reset(_mapping(told["reset"])),
         whole("support", told["support"], least=0),
+        real("asked_every", told["asked_every"], above=0.0) if "asked_every" in told else None,
     )
 
 

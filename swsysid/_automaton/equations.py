@@ -33,12 +33,21 @@ def transition_equation(
     """
     source, target = transition.source, transition.target
     guard = guard_text(transition.guard, columns, precision, style)
+    guard += asked_text(transition, style)
     resets = reset_texts(transition.reset, states, precision, style)
     if style == "latex":
         arrow = rf"\text{{mode }} {source} \to {target}: \; {guard}"
         return arrow + "".join(rf", \; {one}" for one in resets)
     then = f": {', '.join(resets)}" if resets else ""
     return f"mode {source} -> {target} where {guard}{then}"
+
+
+def asked_text(transition: Transition, style: str = "text") -> str:
+    """How often a guard is asked, where it is not watched all along."""
+    every = transition.asked_every
+    if every is None:
+        return ""
+    return rf" \text{{ every }} {every:.4g}" if style == "latex" else f", every {every:.4g}"
 
 
 def guard_text(

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._checks.parameters import real
 from swsysid._data.features import Monomials
 from swsysid._results import Array
 
@@ -178,6 +179,10 @@ class Transition:
         What becomes of the state; None where it goes on.
     support : int
         Number of switches of the data that it explains; 0 for one that was stated.
+    asked_every : float or None
+        Interval after which the guard is asked, counted from the start of a rollout, as by a
+        controller that samples: the transition is taken where it is not negative then. None where
+        it is watched all along, and in discrete time. Formulas for other tools do not have it.
     """
 
     source: int
@@ -185,6 +190,7 @@ class Transition:
     guard: Guard
     reset: AffineReset | None = None
     support: int = 0
+    asked_every: float | None = None
 
     @property
     def kind(self) -> str:
@@ -209,6 +215,8 @@ def check_transition(
             f"{which} leads from mode {transition.source} to mode {transition.target}; the modes "
             f"are numbered from 0 to {n_modes - 1}."
         )
+    if transition.asked_every is not None:
+        real(f"asked_every of {which}", transition.asked_every, above=0.0)
     reset = transition.reset
     for guard in transition.guard.conditions:
         if guard.powers.shape != (len(guard.coef), n_columns + 2):

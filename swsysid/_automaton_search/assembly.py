@@ -149,6 +149,7 @@ def automaton_of(
             one.guard.whole,
             one.reset.reset if one.jumps and one.reset is not None else None,
             len(one),
+            interval if one.asked_at_samples else None,
         )
         for one in asked
         if one.guard is not None and one.guard.is_any(interval)

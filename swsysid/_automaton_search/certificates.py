@@ -110,7 +110,7 @@ def _columns(told: Told, given: Given, entered: Sequence[Array], k: int, samples
     """States, inputs, dwell and time at samples of a recording; no dwell where it began."""
     record = given.records[k]
     t = record.t[samples]
-    begins = np.append(np.nan, entered[k])[np.searchsorted(entered[k], t)]
+    begins = np.append(np.nan, entered[k])[np.searchsorted(entered[k], t, side="right")]
     return np.column_stack([told.states[k][samples], record.u[samples], t - begins, t])
 
 

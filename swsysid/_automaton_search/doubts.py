@@ -21,8 +21,8 @@ _FEW = 10
 _FAR = 3.0
 
 ASKED_AT_SAMPLES = (
-    "All switches where states go on lie on samples: what decides is asked there. The guards are "
-    "those at which it happens in the mean, half a sample after they rise."
+    "All switches where states go on lie on samples: what decides is asked there. The guards rise "
+    "between the last sample before and the first after, and rollouts ask them every so often."
 )
 
 

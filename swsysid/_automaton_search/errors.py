@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton.equations import guard_terms, relation
+from swsysid._automaton.equations import asked_text, guard_terms, relation
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard
 from swsysid._automaton_search.found import FoundTransition
@@ -74,13 +74,14 @@ class AutomatonErrors:
         columns, lines = automaton.guard_columns, []
         for one, guard, reset in zip(automaton.transitions, self.guards, self.resets, strict=True):
             conditions = one.guard.conditions
+            is_uniform = automaton.discrete_time or one.asked_every is not None
             ends = np.cumsum([len(part.coef) for part in conditions])[:-1]
             where = " and ".join(
-                _guard(part, errors, columns, uniform=automaton.discrete_time)
+                _guard(part, errors, columns, uniform=is_uniform)
                 for part, errors in zip(conditions, np.split(guard, ends), strict=True)
             )
             then = _resets(one.reset, reset, columns)
-            line = f"mode {one.source} -> {one.target} where {where}"
+            line = f"mode {one.source} -> {one.target} where {where}{asked_text(one)}"
             lines.append(f"{line}: {', '.join(then)}" if then else line)
         return lines
 

@@ -52,6 +52,11 @@ class FoundGuard:
         own = replace(self, guard=guard, rivals=rivals)
         return replace(own, misses=missed(own))
 
+    def in_time(self, interval: float) -> FoundGuard:
+        """The same of misses that are counted in intervals."""
+        rivals = tuple(one.in_time(interval) for one in self.rivals)
+        return replace(self, misses=interval * self.misses, rivals=rivals)
+
     def instead(self) -> Iterator[FoundGuard]:
         """Each rival, with this one among its rivals."""
         for rival in self.rivals:
@@ -134,6 +139,7 @@ class FoundTransition:
     reset: FoundReset | None
     forestalled: bool = False  # by another one, always
     rank: int = 0  # among the ways out of its mode, which are asked in this order
+    asked_at_samples: bool = False
 
     def __len__(self) -> int:
         return len(self.times)
@@ -158,6 +164,17 @@ class Told:
     modes: list[NDArray[np.intp]]  # of the samples of each recording, -1 where nothing tells
     states: list[Array]
     left: Array  # (n_states,): what the laws leave of the samples
+
+    def on_samples(self, times: list[Array]) -> Told:
+        """The same with switches that are asked at samples on these, which begin the new mode."""
+        modes, transitions = [own.copy() for own in self.modes], []
+        for one in self.transitions:
+            instants = one.times.copy()
+            for place, k in enumerate(one.recording.tolist() if one.asked_at_samples else []):
+                sample = int(np.abs(times[k] - instants[place]).argmin())
+                instants[place], modes[k][sample] = times[k][sample], one.target
+            transitions.append(replace(one, times=instants))
+        return replace(self, transitions=transitions, modes=modes)
 
     @property
     def real(self) -> list[FoundTransition]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.crossed import Crossed, GuardTerms
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
 from swsysid._automaton_search.guards import Solved, best_guard, blurred_by
+from swsysid._automaton_search.margins import Sides, guard_with_margin
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, Visits
@@ -73,6 +74,21 @@ class GuardContext:
         """The guard of switches at their present instants, of some columns or of any."""
         return best_guard(self.crossed(switches), self.terms.degree, some, self.solved)
 
+    def asked(self, switches: Switches) -> FoundGuard | None:
+        """The guard of switches where it is asked at samples, they lie on these and go on there.
+
+        It has risen by one sample of the stay, and not by the one before.
+        """
+        source, interval = switches.source[0], self.interval
+        own = self.visits.asked(interval) & (self.visits.modes == source)
+        before = replace(switches, times=switches.times - interval)
+        last, reached = (
+            self.terms.seen(one.before(self.laws)[0]) for one in (before, switches)
+        )
+        sides = Sides(self.terms.seen(self.visits.columns[own]), reached, last, reached)
+        found = guard_with_margin(sides, self.terms.degree)
+        return None if found is None else found.in_time(interval)
+
     @property
     def errors(self) -> Array:
         """What a state at the end of a stay is off by, about."""
@@ -100,8 +116,9 @@ class Settled:
         """The transition."""
         own = self.switches
         return FoundTransition(
-            *self.pair, own.recording, own.times, self.guard, self.reset, self.forestalled
-        )
+            *self.pair, own.recording, own.times, self.guard, self.reset, self.forestalled,
+            asked_at_samples=self.asked_at_samples,
+        )  # fmt: skip
 
 
 @step

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.assembly import Assembled, assembled
 from swsysid._automaton_search.cutting import by_samples
 from swsysid._automaton_search.elsewhere import slopes_from
-from swsysid._automaton_search.found import FoundTransition, Told
+from swsysid._automaton_search.found import Told
 from swsysid._automaton_search.guards import met, missed_by
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.joint import Joint, JointEstimate, jointly
@@ -56,6 +56,7 @@ def refined(
     start, noise = joint_estimate(given, stays, pieces, found), stays.reached.noise
     joint = jointly(start, noise, settings)
     told = told_jointly(joint.after, parts, stays, pieces, found)
+    told = told.on_samples([record.t for record in given.records])
     interval = stays.estimate.nodes.recordings.interval
     before, after = (assembled(one, stays) for one in (parts, told))
     free = FreeRollouts.of(after, joint.after)
@@ -246,7 +247,8 @@ def told_by_parts(
     """The automaton as it was found part by part."""
     modes, states = by_samples(given, stays, pieces)
     transitions = [one.transition for one in found]
-    return Told(stays.estimate.laws.coef, transitions, modes, states, stays.left)
+    told = Told(stays.estimate.laws.coef, transitions, modes, states, stays.left)
+    return told.on_samples([record.t for record in given.records])
 
 
 def told_jointly(
@@ -285,7 +287,9 @@ def told_jointly(
             reset = replace(reset, reset=own_reset)
         times = nodes.instants[own]
         transitions.append(
-            FoundTransition(*one.pair, recording[own], times, guard, reset, one.forestalled)
+            replace(
+                one.transition, recording=recording[own], times=times, guard=guard, reset=reset
+            )
         )
     return Told(estimate.laws.coef, transitions, modes, states, estimate.left)
 

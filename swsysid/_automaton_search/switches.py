@@ -108,6 +108,12 @@ class Visits:
     rates: Array
     shares: Array  # (n_samples,): of the samples from one step of the inputs to the next
     stays: NDArray[np.intp]  # (n_samples,): number of the stay of each
+    left: Array  # (n_samples,): time to the end of the stay, infinite where a recording ends
+
+    def asked(self, interval: float) -> NDArray[np.bool_]:
+        """Samples at which a stay goes on: the one at which it is entered or left is none."""
+        dwell = self.columns[:, -2]
+        return (self.left > 0.5 * interval) & ~(dwell < 0.5 * interval)
 
 
 def switches_of(
@@ -186,17 +192,19 @@ def even(duration: Array | float) -> Array:
 def at_samples(found: StayIdentification, errors: Array) -> bool:
     """Whether all instants lie on samples, by more than chance: what decides may be asked there.
 
-    They do so within their standard errors, and these are small enough to tell. Those at steps of
+    Samples are even, and instants lie there within their standard errors, and these are small enough to tell. Those at steps of
     inputs lie there anyway.
     """
     nodes = found.estimate.nodes
     stays, recordings = nodes.stays, nodes.recordings
-    if nodes.in_steps.all():
+    of_samples = [
+        t[places] for t, places in zip(recordings.times, recordings.sampled, strict=True)
+    ]
+    if nodes.in_steps.all() or not all(_even(t, recordings.interval) for t in of_samples):
         return False
     off = np.concatenate(
         [
-            _off_samples(own.instants, t[places])
-            for own, t, places in zip(stays, recordings.times, recordings.sampled, strict=True)
+            _off_samples(own.instants, t) for own, t in zip(stays, of_samples, strict=True)
         ]
     )
     free = ~nodes.in_steps
@@ -207,6 +215,12 @@ def at_samples(found: StayIdentification, errors: Array) -> bool:
     errors = np.maximum(errors, 2.0 * _ON_SAMPLE / np.sqrt(2.0 * np.pi))
     nats = -0.5 * np.square(off / errors) - np.log(errors * np.sqrt(2.0 * np.pi))
     return bool(near and nats.sum() > -np.log(_CHANCE))
+
+
+def _even(t: Array, interval: float) -> bool:
+    """Whether times are whole numbers of intervals apart."""
+    steps = (t - t[0]) / interval
+    return bool((np.abs(steps - np.round(steps)) <= _ON_SAMPLE).all())
 
 
 def _off_samples(instants: Array, t: Array) -> Array:
@@ -248,6 +262,10 @@ def _visits(found: StayIdentification, begins: list[Array]) -> Visits:
     sampled = [t[places] for t, places in zip(recordings.times, recordings.sampled, strict=True)]
     places = [np.searchsorted(own.instants, t) for t, own in zip(sampled, stays, strict=True)]
     dwells = [t - begin[own] for t, begin, own in zip(sampled, begins, places, strict=True)]
+    left = [
+        np.append(own.instants, np.inf)[place] - t
+        for own, place, t in zip(stays, places, sampled, strict=True)
+    ]
     firsts = np.cumsum([0, *map(len, begins)])
     numbers = np.concatenate([own + first for own, first in zip(places, firsts, strict=False)])
     slopes = np.concatenate([
@@ -256,4 +274,5 @@ def _visits(found: StayIdentification, begins: list[Array]) -> Visits:
     ])  # fmt: skip
     columns = np.column_stack([x, u, np.concatenate(dwells), np.concatenate(sampled)])
     rates = np.hstack([estimate.laws.velocities(modes, x, u), slopes, np.ones((len(x), 2))])
-    return Visits(modes, columns, rates, _shares_of_steps(u, recordings.groups), numbers)
+    shares = _shares_of_steps(u, recordings.groups)
+    return Visits(modes, columns, rates, shares, numbers, np.concatenate(left))

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton_search.conditions import with_teller
 from swsysid._automaton_search.crossed import GuardTerms
 from swsysid._automaton_search.guards import missed_by, share_risen, where_it_rises
@@ -56,26 +57,46 @@ def _at_samples_or_not(switches: Switches, context: GuardContext) -> list[Settle
     """Guards that rise at the instants, or between samples at which they are asked.
 
     The first must tell each instant better, by a nat: errors that are too small by the same for all
-    are as likely as an interval is.
+    are as likely as an interval is. That a clock ends on samples says nothing where all switches
+    lie there: it must tell as many of them.
     """
     interval = context.interval
     found = _settled(switches, context)
     asked = _settled(switches.asked_at_samples(interval), context)
-    if nats_of(found, interval) + len(switches) <= nats_of(asked, interval):
+    n_better = sum(len(one.switches) for one in found if not _is_clock(one))
+    if nats_of(found, interval) + n_better <= nats_of(asked, interval):
         return found
-    return [replace(one, asked_at_samples=not one.switches.jumped.all()) for one in asked]
+    told = []
+    for exact, one in zip(found, asked, strict=True):
+        if one.switches.jumped.any() or (_is_clock(exact) and _is_clock(one)):
+            told.append(exact)  # a clock that ends on samples does so whoever asks
+        else:
+            told.append(_asked_at_samples(one, context))
+    return _with_tellers(told, context)
+
+
+def _asked_at_samples(one: Settled, context: GuardContext) -> Settled:
+    return replace(one, guard=context.asked(one.switches), asked_at_samples=True)
 
 
 def nats_of(found: Sequence[Settled], interval: float) -> float:
     """What the guards leave unexplained of the instants, by their density in intervals.
 
-    In these units an instant that no guard tells costs as much as one known to an interval.
+    In these units an instant that no guard tells costs as much as one known to an interval, or one
+    that a clock tells.
     """
-    told = [(one.guard.cost, one.switches.errors) for one in found if one.guard is not None]
-    return sum(
-        cost + float(np.log(np.maximum(errors / interval, SETTINGS.instant)).sum())
-        for cost, errors in told
-    )
+    told = 0.0
+    for one in found:
+        if one.guard is not None:
+            errors = np.maximum(one.switches.errors / interval, SETTINGS.instant)
+            told += one.guard.cost + (0.0 if _is_clock(one) else float(np.log(errors).sum()))
+    return told
+
+
+def _is_clock(one: Settled) -> bool:
+    """Whether a guard depends on nothing but the time, or the time in its mode."""
+    guard = one.guard
+    return guard is not None and not guard.guard.powers[:, : -len(CLOCKS)].any()
 
 
 def _settled(switches: Switches, context: GuardContext) -> list[Settled]:

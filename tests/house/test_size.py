@@ -19,13 +19,14 @@ SOURCES = {path.relative_to(PACKAGE): path.read_text(encoding="utf-8")
 # Up to the next ten; `top` are the files beside the rooms. Above a number: what its lines are for
 # that the header of the room does not say.
 MOST_LINES = {
-    # guards of several conditions; SpaceEx with settings, pruned; maps in blocks of rows
-    "_automaton": 3530,
+    # guards of several conditions; SpaceEx with settings, pruned; maps in blocks of rows; guards
+    # that are asked every so often
+    "_automaton": 3580,
     # two conditions, few columns, ways out of a mode, stays told by guards; automata of maps by
     # free rollouts; what is known; errors of guards and resets; instants that lie on samples;
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
-    # switches that are none of a guard
-    "_automaton_search": 6320,
+    # switches that are none of a guard; margins to samples at which guards are asked
+    "_automaton_search": 6430,
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
     # where one leaves more than noise
@@ -80,6 +81,7 @@ MOST_LINES = {
     # inputs between rows; errors at contacts; rounds, edits and trials side by side; laws that
     # need no descent
     "_stays": 10180,
+    # inputs between rows; errors at contacts; rounds, edits and trials side by side
     # parameters and probabilities of surfaces; refusals
     "_surfaces": 2400,
     # a reader for each format; several files and clocks; bounds of what files unpack to; dates
