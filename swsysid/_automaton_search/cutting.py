@@ -29,12 +29,12 @@ from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import disturbances
-from swsysid._stays.count import CountCandidate, criterion, fewest_modes
+from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
 from swsysid._stays.decoding import decode
 from swsysid._stays.descent import most_likely
 from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import Given
-from swsysid._stays.identification import StayIdentification
+from swsysid._stays.identification import StayIdentification, leaves_noise
 from swsysid._stays.intervals import flow
 from swsysid._stays.knowledge import NOTHING, Knowledge
 from swsysid._stays.laws import Laws
@@ -119,7 +119,9 @@ class Cutting:
             if self.estimator.n_modes != "auto":
                 return self._of(self._with_modes(self.estimator.n_modes))
             counts = self.first.search.counts
-            found, self.candidates = fewest_modes(self._with_modes, self._merged, counts)
+            found, self.candidates = fewest_modes(
+                self._with_modes, self._merged, counts, self._explains
+            )
             return self._of(found)
 
     def again(self, cut: Cut, jumps: list[NDArray[np.intp]]) -> Cut:
@@ -142,6 +144,11 @@ class Cutting:
         cut = self._of(more)
         fewer = cut.search.with_one_fewer(more)
         return None if fewer is None else self._jumping(cut, fewer).stays
+
+    def _explains(self, found: StayIdentification) -> bool:
+        """Whether no mode could explain more; states that are no rollout yet say nothing of it."""
+        reached, noise = found.reached, self.first.search.base.noise
+        return is_exact(found) or (reached.is_joined and leaves_noise(reached, noise))
 
     def _jumping(self, at: Pieced, found: StayIdentification) -> Cut:
         """The answer with further jumps, as long as they are worth it."""

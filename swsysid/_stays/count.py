@@ -137,6 +137,7 @@ def fewest_modes(
     identified: Callable[[int, StayIdentification | None], StayIdentification],
     merged: Callable[[StayIdentification], StayIdentification | None],
     counts: Sequence[int],
+    enough: Callable[[StayIdentification], bool] = is_exact,
 ) -> tuple[StayIdentification, list[CountCandidate]]:
     """The number at which another mode no longer pays, and one fewer does not either.
 
@@ -144,13 +145,14 @@ def fewest_modes(
     of that, as that with three modes of the four that two heaters have. Then two modes become one
     as long as that is better: the answer with too many may have parted what one with fewer has not
     found. `identified` is given a number and the answer of the number before, `merged` an answer.
-    A number whose equations have no solution ends the search with those before it.
+    A number whose equations have no solution ends the search with those before it, and one that
+    explains `enough` asks for no further one.
     """
     found: list[StayIdentification] = []
     asked: list[int] = []
     candidates: list[CountCandidate] = []
     for n_modes in counts:
-        if found and is_exact(found[-1]):
+        if found and enough(found[-1]):
             break
         try:
             found.append(identified(n_modes, found[-1] if found else None))

@@ -27,6 +27,7 @@ MOST_LINES = {
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked
     "_automaton_search": 6430,
+    # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
     # where one leaves more than noise
@@ -80,8 +81,7 @@ MOST_LINES = {
     # affine laws in exact steps; many recordings condensed; groups of sentences of what is known;
     # inputs between rows; errors at contacts; rounds, edits and trials side by side; laws that
     # need no descent
-    "_stays": 10180,
-    # inputs between rows; errors at contacts; rounds, edits and trials side by side
+    "_stays": 10190,
     # parameters and probabilities of surfaces; refusals
     "_surfaces": 2400,
     # a reader for each format; several files and clocks; bounds of what files unpack to; dates
