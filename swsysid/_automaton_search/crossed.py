@@ -64,8 +64,9 @@ class Crossed:
         name = blake2b(some.tobytes())
         for part in (self.columns, self.rates, self.beside, self.beside_rates):
             name.update(part[:, some].tobytes())
-        for part in (self.errors, self.ramps, self.signs, self.shares, self.stays):
+        for part in (self.errors, self.ramps, self.signs, self.shares):
             name.update(part.tobytes())
+        name.update(self.stays.tobytes())
         return name.digest()
 
     def turned(self, sign: float) -> Crossed:

@@ -192,7 +192,8 @@ def cheapest_guard(
         if told is None or told.cost >= last:
             break
         tried.append(told)
-        best, last = simplest([best, told]), told.cost
+        best = told if told.cost < best.cost - SETTINGS.better else best
+        last = told.cost
         wide = [np.delete(told.some, place) for place in range(len(told.some))]
     # rivals are of no more columns than the best has in the end
     tried += [guard_of(some, best.cost) for some in put_off if len(some) <= len(best.some)]

@@ -288,7 +288,7 @@ def _costs_beside(wrong: Array, unit: float) -> Array:
 
 def _costs_of_stays(own: Crossed, wrong: Array, unit: float) -> Array:
     """Nats of all samples of each stay: that one is left later than its guard says is one miss."""
-    return np.bincount(own.stays, own.shares * _costs_beside(wrong, unit))
+    return np.asarray(np.bincount(own.stays, own.shares * _costs_beside(wrong, unit)), dtype=float)
 
 
 class _Explained(NamedTuple):

@@ -82,9 +82,7 @@ class GuardContext:
         source, interval = switches.source[0], self.interval
         own = self.visits.asked(interval) & (self.visits.modes == source)
         before = replace(switches, times=switches.times - interval)
-        last, reached = (
-            self.terms.seen(one.before(self.laws)[0]) for one in (before, switches)
-        )
+        last, reached = (self.terms.seen(one.before(self.laws)[0]) for one in (before, switches))
         sides = Sides(self.terms.seen(self.visits.columns[own]), reached, last, reached)
         found = guard_with_margin(sides, self.terms.degree)
         return None if found is None else found.in_time(interval)

@@ -287,9 +287,7 @@ def told_jointly(
             reset = replace(reset, reset=own_reset)
         times = nodes.instants[own]
         transitions.append(
-            replace(
-                one.transition, recording=recording[own], times=times, guard=guard, reset=reset
-            )
+            replace(one.transition, recording=recording[own], times=times, guard=guard, reset=reset)
         )
     return Told(estimate.laws.coef, transitions, modes, states, estimate.left)
 

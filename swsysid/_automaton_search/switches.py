@@ -192,20 +192,16 @@ def even(duration: Array | float) -> Array:
 def at_samples(found: StayIdentification, errors: Array) -> bool:
     """Whether all instants lie on samples, by more than chance: what decides may be asked there.
 
-    Samples are even, and instants lie there within their standard errors, and these are small enough to tell. Those at steps of
-    inputs lie there anyway.
+    Samples are even, and instants lie there within their standard errors, and these are small
+    enough to tell. Those at steps of inputs lie there anyway.
     """
     nodes = found.estimate.nodes
     stays, recordings = nodes.stays, nodes.recordings
-    of_samples = [
-        t[places] for t, places in zip(recordings.times, recordings.sampled, strict=True)
-    ]
+    of_samples = [t[places] for t, places in zip(recordings.times, recordings.sampled, strict=True)]
     if nodes.in_steps.all() or not all(_even(t, recordings.interval) for t in of_samples):
         return False
     off = np.concatenate(
-        [
-            _off_samples(own.instants, t) for own, t in zip(stays, of_samples, strict=True)
-        ]
+        [_off_samples(own.instants, t) for own, t in zip(stays, of_samples, strict=True)]
     )
     free = ~nodes.in_steps
     off = off[free] / recordings.interval

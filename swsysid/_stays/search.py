@@ -317,8 +317,8 @@ class Search:
         What they leave in single intervals, as a solver does, counts as noise from then on. Where
         that adds up to no misfit along any stay, a descent has nothing to mend.
         """
-        told = (exact.modes.drift(exact.laws) <= LIMITS.exactly * exact.laws.spread).all()
-        told = told and not self.surfaces
+        drift, spread = exact.modes.drift(exact.laws), exact.laws.spread
+        told = not self.surfaces and bool((drift <= LIMITS.exactly * spread).all())
         with self.quietly():
             noise = np.maximum(self.base.noise, exact.modes.errors(exact.laws))
             self._by_stretch[1.0] = replace(self.base, noise=noise)
