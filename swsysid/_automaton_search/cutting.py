@@ -29,7 +29,7 @@ from swsysid._journal import step
 from swsysid._regressor import SwitchingSystemRegressor
 from swsysid._results import Array
 from swsysid._stays.assign import disturbances
-from swsysid._stays.count import CountCandidate, criterion, fewest_modes, is_exact
+from swsysid._stays.count import CountCandidate, criterion, fewest_modes
 from swsysid._stays.decoding import decode
 from swsysid._stays.descent import most_likely
 from swsysid._stays.filtering import FlowFilter
@@ -148,7 +148,7 @@ class Cutting:
     def _explains(self, found: StayIdentification) -> bool:
         """Whether no mode could explain more; states that are no rollout yet say nothing of it."""
         reached, noise = found.reached, self.first.search.base.noise
-        return is_exact(found) or (reached.is_joined and leaves_noise(reached, noise))
+        return reached.is_joined and leaves_noise(reached, noise)
 
     def _jumping(self, at: Pieced, found: StayIdentification) -> Cut:
         """The answer with further jumps, as long as they are worth it."""

@@ -145,14 +145,15 @@ def fewest_modes(
     of that, as that with three modes of the four that two heaters have. Then two modes become one
     as long as that is better: the answer with too many may have parted what one with fewer has not
     found. `identified` is given a number and the answer of the number before, `merged` an answer.
-    A number whose equations have no solution ends the search with those before it, and one that
-    explains `enough` asks for no further one.
+    A number whose equations have no solution ends the search with those before it, and one of
+    several that explains `enough` asks for no further one: where two laws differ by little, one
+    leaves nothing in any stretch that two would not.
     """
     found: list[StayIdentification] = []
     asked: list[int] = []
     candidates: list[CountCandidate] = []
     for n_modes in counts:
-        if found and enough(found[-1]):
+        if found and (is_exact(found[-1]) or (n_modes > 2 and enough(found[-1]))):
             break
         try:
             found.append(identified(n_modes, found[-1] if found else None))
