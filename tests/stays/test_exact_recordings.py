@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from swsysid import (
+    GuardWarning,
     HybridAutomatonRegressor,
+    MisfitWarning,
     PolynomialSurfaceClassifier,
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
@@ -144,9 +146,11 @@ def test_laws_that_explain_all_stays_are_not_descended(monkeypatch):
     starts = [(0.3, 1.0), (-0.5, 0.7), (0.1, -0.6), (0.7, 0.2)]
     records = [sampled(start, stays, 80) for start in starts]
     monkeypatch.setattr("swsysid._stays.rounds.most_likely", never)
-    found = HybridAutomatonRegressor(3, feature_library=1, refine=False, random_state=0).fit(
-        [{"t": record.t, "x": record.y} for record in records]
-    )
+    recordings = [{"t": record.t, "x": record.y} for record in records]
+    with pytest.warns(
+        (GuardWarning, MisfitWarning)
+    ):  # a clock decides, with two dwells of one mode
+        found = HybridAutomatonRegressor(3, refine=False, random_state=0).fit(recordings)
     order = [int(np.abs(found.coef_ - law).max(axis=(1, 2)).argmin()) for law in TRUTH]
     np.testing.assert_allclose(found.coef_[order], TRUTH, atol=1e-7)
     np.testing.assert_allclose(found.switch_times_, [[0.512, 1.333, 1.827, 2.291]] * 4, atol=1e-7)
