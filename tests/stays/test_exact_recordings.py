@@ -147,9 +147,7 @@ def test_laws_that_explain_all_stays_are_not_descended(monkeypatch):
     records = [sampled(start, stays, 80) for start in starts]
     monkeypatch.setattr("swsysid._stays.rounds.most_likely", never)
     recordings = [{"t": record.t, "x": record.y} for record in records]
-    with pytest.warns(
-        (GuardWarning, MisfitWarning)
-    ):  # a clock decides
+    with pytest.warns((GuardWarning, MisfitWarning)):  # a clock decides
         found = HybridAutomatonRegressor(3, refine=False, random_state=0).fit(recordings)
     order = [int(np.abs(found.coef_ - law).max(axis=(1, 2)).argmin()) for law in TRUTH]
     np.testing.assert_allclose(found.coef_[order], TRUTH, atol=1e-7)
