@@ -64,3 +64,8 @@ def test_the_command_finds_what_is_asked_at_samples(folder, tmp_path, capsys):
     assert cell["mean"] <= 1e-6  # of rollouts: thresholds are short numbers, and exact
     assert cell["switches"] == 1.0 and cell["labels"] >= 0.999  # nothing follows the last sample
     assert "1 of 1 within" in capsys.readouterr().out
+
+
+def test_a_folder_without_examples_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="no gen_data.m beside trainingdata"):
+        examples(tmp_path)

@@ -66,7 +66,13 @@ class RecordedExample:
 
 
 def examples(folder: str | Path) -> list[RecordedExample]:
-    """All examples beneath a folder with a generator and its recordings, by name."""
+    """All examples beneath a folder with a generator and its recordings, by name.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
     found = []
     for generator in sorted(Path(folder).rglob("gen_data.m")):
         data, name = generator.parent / "trainingdata", generator.parent.name
@@ -84,6 +90,8 @@ def examples(folder: str | Path) -> list[RecordedExample]:
         features = _FEATURES.get(name, f"x[?] ** {degree}")
         kernel = "rbf" if name in _BENT else "linear"
         found.append(RecordedExample(f"HAutLearn/{name}", features, kernel, runs, n_training))
+    if not found:
+        raise ValueError(f"{folder} has no gen_data.m beside trainingdata; give HAutLearn's own.")
     return found
 
 
