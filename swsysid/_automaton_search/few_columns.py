@@ -186,9 +186,11 @@ def cheapest_guard(
         return None
     # all but clocks, and one fewer as long as it is better so; what is constant at all switches
     # is no other column than the constant
-    wide, last = [np.flatnonzero(np.ptp(given[:, : -len(CLOCKS)], axis=0) > 0.0)], np.inf
+    wide = [np.flatnonzero(np.ptp(given[:, : -len(CLOCKS)], axis=0) > 0.0)]
+    # its terms aside, the first may cost what the best does
+    last = best.cost + _of_terms(len(wide[0]) + 1, len(given), random)
     while len(wide[0]) > SETTINGS.most_columns and not is_dear(wide[0]):
-        told = simplest(guard_of(some, np.inf) for some in wide)
+        told = simplest(guard_of(some, last) for some in wide)
         if told is None or told.cost >= last:
             break
         tried.append(told)
