@@ -68,7 +68,10 @@ UNLISTED = (
 )
 SENSITIVITY = "python -m benchmarks.sensitivity --records 4 --first-record 515 --docs docs"
 CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 2200 --docs docs"
-OTHERS = "python -m benchmarks.automata.others FOLDER --gallery FOLDER --hautlearn FOLDER --limit 60 --docs docs"
+OTHERS = (
+    "python -m benchmarks.automata.others FOLDER --gallery FOLDER --hautlearn FOLDER --limit 60 "
+    "--docs docs"
+)
 LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
     Page("measured_tables.md", "measured", "make bench-measured", measured.free_runs),
