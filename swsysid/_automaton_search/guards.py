@@ -8,7 +8,8 @@ surface is crossed both ways it is above zero at those of the other one (s = 1):
 
     \min_a \sum_k \min\!\Big( \tfrac12 \Big( \frac{a \cdot \phi(c_k)}{\rho_k \lambda \sigma_k}
     \Big)^2 + \log \lambda,\; B \Big)
-    + \tfrac12 \sum_i \Big( \frac{\max(0, -s_i\, a \cdot \phi(c_i))}{\rho_i \sigma} \Big)^2
+    + \sum_s \min\!\Big( \tfrac12 \sum_{i \in s}
+    \Big( \frac{\max(0, -s_i\, a \cdot \phi(c_i))}{\rho_i \sigma} \Big)^2,\; B \Big)
     \quad \text{with} \quad \tfrac1n \sum_k a \cdot \dot\phi(c_k) = 1 .
 
 The rates :math:`\rho = |a \cdot \dot\phi|` make times of what is missing, so that
@@ -17,6 +18,8 @@ nothing, and its sign is that in which it rises; a switch at which it falls it d
 Standard errors may be too small, by the same :math:`\lambda \ge 1` for all. A switch that the guard
 does not explain, since it is none, costs what it does at random in a stay of mean duration T,
 :math:`B = \log (T / \sigma)`, and so does a coefficient: one more switch can be explained with it.
+So does a stay s whose samples lie on the wrong side: that it is left later than the guard says is
+one miss, however long it lasts.
 """
 
 from __future__ import annotations

@@ -145,9 +145,9 @@ def fewest_modes(
     of that, as that with three modes of the four that two heaters have. Then two modes become one
     as long as that is better: the answer with too many may have parted what one with fewer has not
     found. `identified` is given a number and the answer of the number before, `merged` an answer.
-    A number whose equations have no solution ends the search with those before it, and one of
-    several that explains `enough` asks for no further one: where two laws differ by little, one
-    leaves nothing in any stretch that two would not.
+    A number whose equations have no solution ends the search with those before it, and one that
+    explains `enough` asks for no further one. Two are always tried: one law in the place of two
+    that differ by little may leave no more than noise in any stretch.
     """
     found: list[StayIdentification] = []
     asked: list[int] = []

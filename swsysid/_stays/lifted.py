@@ -36,7 +36,7 @@ from swsysid._stays.sliding import SlidingLaws, with_slides
 _FARTHEST_MOVE, _ON_SURFACE = 2.0, 0.25
 # Ties, in units of the noise, from which pairs are eliminated: at 1e-5 rounding takes 1.5e-6 of
 # what a step promises, one interval after the other half of that. At 5.5e-5, with which automata
-# end, steps differ by 1.6e-7 of the largest move, and one after the other takes four times as long.
+# end, steps differ by 1.6e-7 of the largest move.
 _TIGHTLY = 5e-5
 
 
