@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from swsysid._discrete_stays.identify import KindsOfNoise
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._known.checks import KnownCheck
 from swsysid._results import Array
+from swsysid._stays.walk import Walk
 
 
 @dataclass(frozen=True)
@@ -35,5 +36,15 @@ class IdentifiedAutomaton:
     candidates: Sequence[object]  # of the number of modes
     n_unexplained: int = 0  # samples that no law explains
     refinement: AutomatonRefinement | None = None  # None where there was nothing to refine
-    noises: KindsOfNoise | None = None  # in discrete time, where samples are not exact
+    noises: KindsOfNoise | None = None  # where states walk; in discrete time, of all but exact rows
     known: tuple[KnownCheck, ...] = ()  # what the recordings would rather have
+
+
+def beside_walk(answer: IdentifiedAutomaton, walk: Walk) -> IdentifiedAutomaton:
+    """The answer of states that walk beside the laws."""
+    sensor, nothing = walk.sensor[: len(answer.noise)], np.zeros(0)
+    # laws of either noise alone are told where nothing tells them apart
+    noises = KindsOfNoise(
+        sensor, walk.walk, walk.nats, walk.nats_of_sensor, nothing, nothing
+    )  # fmt: skip
+    return replace(answer, noise=sensor, noises=noises)

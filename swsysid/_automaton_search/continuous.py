@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton_search.answer import IdentifiedAutomaton
+from swsysid._automaton_search.answer import IdentifiedAutomaton, beside_walk
 from swsysid._automaton_search.assembly import (
     Assembled,
     assembled,
@@ -132,7 +132,7 @@ def _identified(
     """The same in columns counted from the origin, its errors and what is said in the user's."""
     jumps, origin = jumps_of(given), knowledge.origin
     search = search_of(estimator, cut_at(given, jumps), settings, told, knowledge)
-    exact, known = _exact_start(estimator, given, search), None
+    exact, known, walk = _exact_start(estimator, given, search), None, None
     followed = None if exact is None else _exactly(search, exact, given)
     if exact is not None and followed is not None:
         candidates, known = exact.candidates, exact.modes.of_samples
@@ -142,6 +142,7 @@ def _identified(
         cutting = Cutting(estimator, given, settings, told, knowledge)
         cut = _in_rounds(cutting, jumps, terms)
         pieces, stays, search, candidates = cut.pieces, cut.stays, cut.search, cutting.candidates
+        walk = cutting.walk
     stays = told_in_modes(stays)
     found = transitions_of(stays, pieces, terms)
     more = with_brief_stays(found, stays, settings) if followed is None else None
@@ -165,7 +166,8 @@ def _identified(
             without_limits(given), stays, pieces, found, settings, origin
         )
     shared = partial(_shared_exits, found, stays, origin)
-    return _answer(given, stays, parts, refinement, search, candidates, shared, origin, known)
+    answer = _answer(given, stays, parts, refinement, search, candidates, shared, origin, known)
+    return answer if walk is None else beside_walk(answer, walk)
 
 
 def _refined_if_possible(

@@ -34,7 +34,7 @@ from swsysid._stays.decoding import decode
 from swsysid._stays.descent import most_likely
 from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import Given
-from swsysid._stays.identification import StayIdentification, leaves_noise
+from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
 from swsysid._stays.intervals import flow
 from swsysid._stays.knowledge import NOTHING, Knowledge
 from swsysid._stays.laws import Laws
@@ -46,6 +46,7 @@ from swsysid._stays.samples import modes_of, states_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
+from swsysid._stays.walk import Walk, walk_of
 
 # What most recordings may leave, in units of the noise, where laws are believed; how many samples a
 # cut moves at most; squares of one that is lost.
@@ -109,6 +110,7 @@ class Cutting:
         self.knowledge = knowledge
         self.first: Pieced  # cut where everybody sees that it jumps
         self.fewer: StayIdentification | None = None  # the last answer on that
+        self.walk: Walk | None = None  # of the states beside the laws
         self.answers: list[Cut] = []
         self.candidates: list[CountCandidate] = []
 
@@ -117,12 +119,12 @@ class Cutting:
         self.first = self._at(jumps)
         with Search.quietly():
             if self.estimator.n_modes != "auto":
-                return self._of(self._with_modes(self.estimator.n_modes))
+                return self._walking(self._of(self._with_modes(self.estimator.n_modes)))
             counts = self.first.search.counts
             found, self.candidates = fewest_modes(
                 self._with_modes, self._merged, counts, self._explains
             )
-            return self._of(found)
+            return self._walking(self._of(found))
 
     def again(self, cut: Cut, jumps: list[NDArray[np.intp]]) -> Cut:
         """The answer on other pieces, from the laws at hand, cut where these say that it jumps."""
@@ -144,6 +146,28 @@ class Cutting:
         cut = self._of(more)
         fewer = cut.search.with_one_fewer(more)
         return None if fewer is None else self._jumping(cut, fewer).stays
+
+    def _walking(self, cut: Cut) -> Cut:
+        """The answer beside a random walk of the states, where that is all that laws leave.
+
+        Where laws are taken to be all that moves a state, brief stays and modes make up for it:
+        stays are told anew until the walk is what they leave, and laws become one that are alike.
+        """
+        if self._explains(cut.stays) and counted_as_one(cut.stays.reached) == 1.0:
+            return cut
+        now, walk = cut, None
+        for _ in range(SETTINGS.most_rounds):
+            before, walk = walk, walk_of(now.stays.estimate, now.stays.left, self.settings)
+            if not walk.pays(now.stays.estimate):
+                return cut
+            if before is not None and walk.is_as(before):
+                break
+            now.search.walk = walk.walk
+            now = self._told_anew(now, now.stays)
+        if walk is None or not walk.is_white:
+            return cut
+        self.walk = walk
+        return now
 
     def _explains(self, found: StayIdentification) -> bool:
         """Whether no mode could explain more; states that are no rollout yet say nothing of it."""
@@ -194,6 +218,7 @@ class Cutting:
     def _at(self, jumps: list[NDArray[np.intp]]) -> Pieced:
         pieces = cut_at(self.given, jumps, _FEWEST)
         search = search_of(self.estimator, pieces, self.settings, self.told, self.knowledge)
+        search.walk = None if self.walk is None else self.walk.walk
         return Pieced(jumps, pieces, search)
 
     def _of(self, found: StayIdentification) -> Cut:
@@ -329,8 +354,9 @@ def apart(
     ]
     recordings = Recordings.of(alone.given.records, rough)
     parts = found.estimate.nodes.recordings.per_sample
+    before = found.estimate.nodes.recordings
     recordings = replace(
-        recordings.divided(parts), first_step=found.estimate.nodes.recordings.first_step
+        recordings.divided(parts), first_step=before.first_step, walk=before.walk
     )
     stays = [Stays(np.array([mode]), np.zeros(0)) for mode in first]
     nodes = recordings.in_a_row(recordings.guess)

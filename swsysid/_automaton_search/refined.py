@@ -63,7 +63,9 @@ def refined(
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
     rolled_after = free.misfit(noise)
     likely = joint.value_after <= joint.value_before + settings.converged
-    kept = likely and rolled_after <= (1.0 + _WORSE) * rolled_before
+    # those of states that walk lead away whatever the automaton
+    walks = stays.estimate.nodes.recordings.walk is not None
+    kept = likely and (walks or rolled_after <= (1.0 + _WORSE) * rolled_before)
     told = _judged_by_rollouts(told, free, joint, interval)
     after = assembled(told, stays)
     return (told if kept else parts), AutomatonRefinement(
@@ -169,7 +171,8 @@ def _nodes_of_courses(
         whole = given.records[k]
         records.append(whole.taken(own))
         guess.append(states[k][own])
-    return nodes_of(courses, records, guess, recordings.per_sample, recordings.first_step)
+    steps = recordings.per_sample, recordings.first_step
+    return nodes_of(courses, records, guess, *steps, recordings.walk)
 
 
 def _all_switches(
@@ -344,10 +347,12 @@ def nodes_of(
     guess: Sequence[Array],
     per_sample: int,
     first_step: float,
+    walk: Array | None = None,
 ) -> Nodes:
     """Nodes of courses: at their samples, in steps between, and between two switches of a step.
 
-    Of each interval so many parts are nodes, and of these such a part is integrated at once.
+    Of each interval so many parts are nodes, and of these such a part is integrated at once; states
+    may walk beside the laws.
     """
     between = []
     for course, record in zip(courses, records, strict=True):
@@ -355,4 +360,4 @@ def nodes_of(
         together = np.flatnonzero(np.diff(cells) == 0)
         between.append(0.5 * (course.instants[together] + course.instants[together + 1]))
     recordings = Recordings.of(records, guess, between).divided(per_sample)
-    return Nodes(replace(recordings, first_step=first_step), courses)
+    return Nodes(replace(recordings, first_step=first_step, walk=walk), courses)

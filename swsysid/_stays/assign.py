@@ -159,7 +159,10 @@ def disturbances(laws: Laws, recordings: Recordings, settings: StaySettings) -> 
     # laws that are constant are disturbed, too
     spread = np.maximum(np.median(velocities.std(axis=1), axis=0), _STEADY * size)
     unit = spread * np.sqrt(settings.memory * recordings.interval)
-    return np.outer(settings.disturbances, unit)
+    tried = np.outer(settings.disturbances, unit)
+    if recordings.walk is None:
+        return tried
+    return np.hypot(tried, recordings.walk / np.sqrt(recordings.interval))
 
 
 # -- what a surface says beforehand -----------------------------------------------------------

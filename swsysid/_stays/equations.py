@@ -98,9 +98,9 @@ class NodeEquations:
         self.value += 0.5 * float(np.square(misfit).sum())
 
     def add_ties(self, legs: Legs, nodes: Rows, gaps: Array, weight: Array) -> None:
-        """Gaps (n_rows, n_states) of some intervals, tied by weights (n_rows,), in these units."""
+        """Gaps (n_rows, n_states), tied by weights (n_states, n_rows), in these units."""
         F, G = self._in_units(legs)
-        weight = weight[: F.shape[2]]  # one of all where they last equally long
+        weight = weight[:, : F.shape[2]]  # one of all where they last equally long
         H = np.empty((len(G) + 1, *G.shape[1:]))
         np.multiply(G, weight, out=H[:-1])
         np.multiply(gaps.T, weight, out=H[-1])
@@ -127,7 +127,7 @@ class NodeEquations:
 
     def add_instants(self, legs: Legs, by_instant: Array, gaps: Array, weight: Array) -> None:
         """What the gaps of the intervals with a switch say of its instant."""
-        by_instant, square = by_instant / self.unit, np.square(weight)[:, None]
+        by_instant, square = by_instant / self.unit, np.square(weight).T
         moved = (square * by_instant).T  # (n_states, n_switches)
         F, G = self._in_units(legs)
         self.own[:, : self.n_states] += np.einsum("bar,ar->rb", F, moved)

@@ -189,10 +189,11 @@ class Objective:
         r"""Numbers that the states of the nodes are worth.
 
         One start a recording, and what loose ties leave free: :math:`\delta / \sqrt{4 + \delta^2}`
-        a node, the trace of the smoother of a random walk.
+        a sample, the trace of the smoother of a random walk.
         """
-        of_nodes = self.tie / np.sqrt(4.0 + self.tie**2) * len(nodes)
-        return float(len(self.noise) * (len(nodes.recordings) + of_nodes))
+        loose = self._looseness(nodes)
+        of_nodes = (loose / np.sqrt(4.0 + loose**2)).sum() * len(nodes) / nodes.recordings.per_sample
+        return float(len(self.noise) * len(nodes.recordings) + of_nodes)
 
     def allows(self, estimate: Estimate) -> bool:
         """True of an estimate that a step may lead to."""
@@ -221,7 +222,7 @@ class Objective:
     def gaps(self, estimate: Estimate) -> Array:
         """From where flows lead to the next nodes, in units of ties, (n_intervals, n_states)."""
         gaps = (estimate.states[estimate.nodes.begins + 1] - estimate.ends()) / self.noise
-        return np.asarray(gaps * self._weights(estimate.nodes)[:, None])
+        return np.asarray(gaps * self._weights(estimate.nodes).T)
 
     def normal_equations(self, estimate: Estimate) -> NodeEquations:
         """Gauss and Newton's equations."""
@@ -255,7 +256,7 @@ class Objective:
             self._add_ties(equations, estimate, legs, weights)
         if switches is not None:
             gaps = self._add_ties(equations, estimate, switches.legs, weights)
-            own = weights[switches.legs.rows]
+            own = weights[:, switches.legs.rows]
             equations.add_instants(switches.legs, switches.by_instant, gaps, own)
             known = np.append(nodes.in_steps, np.zeros(len(nodes.stepping), dtype=bool))
             ends = np.append(np.zeros(len(nodes.at), dtype=np.intp), nodes.ends_of_steps)
@@ -271,7 +272,7 @@ class Objective:
         """Add the gaps at the ends of some intervals, which are returned."""
         first = estimate.nodes.begins[legs.rows]
         gaps = (estimate.states[first + 1] - legs.ends) / self.noise
-        equations.add_ties(legs, first, gaps, weights[legs.rows])
+        equations.add_ties(legs, first, gaps, weights[:, legs.rows])
         return gaps
 
     def _add_guards(
@@ -320,8 +321,13 @@ class Objective:
         return np.where(seen, left, 0.0), np.where(seen, 1.0 / nodes.sizes, 0.0)
 
     def _weights(self, nodes: Nodes) -> Array:
-        """Of the ties, (n_intervals,)."""
-        return np.asarray(1.0 / (self.tie * np.sqrt(nodes.parts)))
+        """Of the ties, (n_states, n_intervals)."""
+        return np.asarray(1.0 / np.outer(self._looseness(nodes), np.sqrt(nodes.parts)))
+
+    def _looseness(self, nodes: Nodes) -> Array:
+        """Of nodes an interval apart, in units of the noise, (n_states,): ties and random walk."""
+        walk = nodes.recordings.walk
+        return np.hypot(self.tie, np.zeros(len(self.noise)) if walk is None else walk / self.noise)
 
 
 def _far(times: Array) -> Array:

@@ -55,6 +55,8 @@ class Recordings:
     per_sample: int = 1  # steps between two samples that follow each other as usual
     # inputs that stay what they are from one sample to the next: all, none, or a mask (n_inputs,)
     held: Held = False
+    # (n_states,): of a random walk beside the laws, what it adds in a usual interval; None is none
+    walk: Array | None = None
 
     @classmethod
     def of(

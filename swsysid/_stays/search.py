@@ -93,6 +93,7 @@ class Search:
         self.settings, self.told, self.surfaces, self.known = settings, told, surfaces, known
         self.knowledge = knowledge
         self.candidates: list[CountCandidate] = []
+        self.walk: Array | None = None  # beside the laws, as of `Recordings`
         self._by_stretch: dict[float, Differentiated] = {}
         self._by_count: dict[object, tuple[SwitchingSystemRegressor, NDArray[np.bool_]]] = {}
 
@@ -367,7 +368,7 @@ class Search:
     ) -> Alternation:  # fmt: skip
         """Rounds that begin with the laws of a model, on recordings with rough states."""
         return Alternation(
-            start, recordings, self.base.noise, self.settings,
+            start, replace(recordings, walk=self.walk), self.base.noise, self.settings,
             free=free, names=self.names, surfaces=self.surfaces, known=known,
             region=self.knowledge.region(start),
         )  # fmt: skip

@@ -63,7 +63,7 @@ class Ties:
 
     @classmethod
     def of(cls, columns: NDArray[np.intp], first: Rows, F: Array, H: Array, weight: Array) -> Ties:
-        """From gaps, weight (n_rows,) times the states after and F, H times the others.
+        """From gaps, weight (n_states, n_rows) times the states after and F, H times the others.
 
         F are minus derivatives by the state before, H by the corner, and minus the gap; rows last,
         the first ones of all segments first.
