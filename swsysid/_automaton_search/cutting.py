@@ -111,6 +111,7 @@ class Cutting:
         self.first: Pieced  # cut where everybody sees that it jumps
         self.fewer: StayIdentification | None = None  # the last answer on that
         self.walk: Walk | None = None  # of the states beside the laws
+        self.still: list[Cut] = []  # asked in vain whether states walk
         self.answers: list[Cut] = []
         self.candidates: list[CountCandidate] = []
 
@@ -140,7 +141,9 @@ class Cutting:
     def _with_modes(self, n_modes: object, _: object = None) -> StayIdentification:
         """With so many modes, from the answer with fewer on the recordings as they were."""
         self.fewer = self.first.search.with_modes(n_modes, self.fewer)
-        return self._jumping(self.first, self.fewer).stays
+        cut = self._jumping(self.first, self.fewer)
+        # the first two are always asked for: others make up for what a walk would explain
+        return (self._walking(cut) if n_modes in (1, 2) else cut).stays
 
     def _merged(self, more: StayIdentification) -> StayIdentification | None:
         cut = self._of(more)
@@ -150,28 +153,36 @@ class Cutting:
     def _walking(self, cut: Cut) -> Cut:
         """The answer beside a random walk of the states, where that is all that laws leave.
 
-        Where laws are taken to be all that moves a state, brief stays and modes make up for it:
-        stays are told anew until the walk is what they leave, and laws become one that are alike.
+        Where laws are taken to be all that moves a state, brief stays make up for it: stays are
+        told anew until the walk is what they leave.
         """
-        if self._explains(cut.stays) and counted_as_one(cut.stays.reached) == 1.0:
+        reached = cut.stays.reached
+        known = self.walk is not None or cut in self.still
+        if known or (self._explains(cut.stays) and counted_as_one(reached) == 1.0):
             return cut
-        now, walk = cut, None
+        self.still.append(cut)
+        now, before = cut, None
         for _ in range(SETTINGS.most_rounds):
-            before, walk = walk, walk_of(now.stays.estimate, now.stays.left, self.settings)
-            if not walk.pays(now.stays.estimate):
-                return cut
-            if before is not None and walk.is_as(before):
+            walk = walk_of(now.stays.estimate, now.stays.left, self.settings)
+            has_stays = len(now.stays.estimate.nodes.instants) > 0
+            if not (walk.is_all or has_stays) or not walk.pays:
                 break
             now.search.walk = walk.walk
-            now = self._told_anew(now, now.stays)
-        if walk is None or not walk.is_white:
+            if before is not None and walk.is_as(before):
+                break
+            now, before = self._told_anew(now, now.stays), walk
+        if before is None or not walk.is_all:
+            now.search.walk = None
             return cut
         self.walk = walk
+        self.answers.append(now)
         return now
 
     def _explains(self, found: StayIdentification) -> bool:
         """Whether no mode could explain more; states that are no rollout yet say nothing of it."""
         reached, noise = found.reached, self.first.search.base.noise
+        if found.estimate.nodes.recordings.walk is not None:  # which explains all that laws leave
+            return True
         return reached.is_joined and leaves_noise(reached, noise)
 
     def _jumping(self, at: Pieced, found: StayIdentification) -> Cut:

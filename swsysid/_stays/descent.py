@@ -87,7 +87,12 @@ class Reached:
 
     @property
     def is_joined(self) -> bool:
-        """Whether gaps weigh less than what samples leave; else the states are no rollout yet."""
+        """Whether gaps weigh less than what samples leave; else the states are no rollout yet.
+
+        Those that walk are none, and need not be.
+        """
+        if self.estimate.nodes.recordings.walk is not None:
+            return True
         of_gaps = np.square(self.objective.gaps(self.estimate) * self.noise).sum()
         return bool(of_gaps < 0.5 * self.squares.sum())
 

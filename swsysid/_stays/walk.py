@@ -12,22 +12,26 @@ innovations are white is it a walk.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from swsysid._free_rollouts.breaks import first_breaks
 from swsysid._residual_report.whiteness import whiteness_test
 from swsysid._results import Array
 from swsysid._stays.filtering import Belief, FlowFilter, corrected, first_belief
 from swsysid._stays.lifted import Estimate
-from swsysid._stays.recordings import Recordings, pieces_of
+from swsysid._stays.recordings import Piece, Recordings, pieces_of
 from swsysid._stays.samples import intervals_of, states_of
 from swsysid._stays.settings import StaySettings
 
 # Deviations that are tried, by the noise at hand: of both, at most, and of a walk, the first one.
 _LEAST, _MOST, _FIRST = 1e-3, 1e2, 0.3
+# Part of the likelihood that a step must gain; samples of a piece, of which all are worked side by side.
+_CONVERGED, _PIECE = 1e-6, 30
 # Part by which sizes may differ and be the same.
 _SAME = 0.1
 # The significance below which innovations are not white.
@@ -36,53 +40,47 @@ _COLOURED = 1e-3
 
 @dataclass(frozen=True)
 class Walk:
-    """Noise of the sensor and of a walk, and how much likelier recordings are with it."""
+    """Noise of the sensor and of a walk, of highest likelihood."""
 
+    innovations: _Innovations
     sensor: Array  # (n_states,)
     walk: Array  # (n_states,): what it adds in a usual interval
-    nats: float  # by which the samples are less likely without a walk
-    nats_of_sensor: float  # and without noise of the sensor
-    is_white: bool  # whether nothing else is left
 
+    @cached_property
+    def nats(self) -> float:
+        """By which the samples are less likely without a walk."""
+        return self._less_likely(np.full(len(self.walk), _LEAST), None)
 
-    def pays(self, estimate: Estimate) -> bool:
+    @cached_property
+    def nats_of_sensor(self) -> float:
+        """By which they are without noise of the sensor."""
+        return self._less_likely(None, np.full(len(self.sensor), _LEAST))
+
+    @property
+    def is_all(self) -> bool:
+        """Whether nothing else is left: innovations are noise, and of the same size throughout."""
+        return self.innovations.are_noise
+
+    @property
+    def pays(self) -> bool:
         """Whether it says more than its sizes take, by the Bayesian information criterion."""
-        n_values = np.isfinite(estimate.nodes.y).sum()
+        n_values = np.isfinite(self.innovations.pieces.y[1:][self.innovations.inside]).sum()
         return bool(self.nats > 0.5 * len(self.walk) * np.log(max(2, n_values)))
 
     def is_as(self, other: Walk) -> bool:
-        """Whether both sizes are about the same."""
+        """Whether both sizes are about the same, where the sensor's leaves them to be seen."""
         sizes = (np.hypot(one.walk, _SAME * one.sensor) for one in (self, other))
         return bool((np.abs(np.log(np.divide(*sizes))) < _SAME).all())
+
+    def _less_likely(self, walk: Array | None, sensor: Array | None) -> float:
+        seen = self.innovations
+        return seen.nats - seen.most_likely(walk, sensor).nats
 
 
 def walk_of(estimate: Estimate, noise: Array, settings: StaySettings) -> Walk:
     """Both noises of highest likelihood at the laws and stays of an estimate."""
-    seen = _Innovations.of(estimate, noise, settings)
-    n_states, measured = len(noise), np.isfinite(estimate.nodes.y).any(axis=0)
-    limits = np.log([_LEAST, _MOST])
-
-    def split(sizes: Array) -> tuple[Array, Array]:
-        sensor = noise.copy()
-        sensor[measured] *= np.exp(sizes[n_states:])
-        return sensor, noise * np.exp(sizes[:n_states])
-
-    def unlikely(sizes: Array) -> float:
-        return -seen.with_noise(*split(sizes)).nats
-
-    first = np.zeros(n_states + int(measured.sum()))
-    first[:n_states] = np.log(_FIRST)
-    def least(bounds: Array) -> tuple[float, Array]:
-        found = minimize(unlikely, first.clip(*bounds.T), method="L-BFGS-B", bounds=bounds)
-        return float(found.fun), found.x
-
-    free = np.tile(limits, (len(first), 1))
-    still, ideal = free.copy(), free.copy()
-    still[:n_states, 1] = ideal[n_states:, 1] = limits[0]
-    value, sizes = least(free)
-    sensor, walk = split(sizes)
-    nats = (least(some)[0] - value for some in (still, ideal))
-    return Walk(sensor, walk, *nats, seen.with_noise(sensor, walk).are_white)
+    seen = _Innovations.of(estimate, noise, settings).most_likely()
+    return Walk(seen, seen.filter_.noise, seen.filter_.disturbance * np.sqrt(seen.pieces.interval))
 
 
 @dataclass(frozen=True)
@@ -90,16 +88,19 @@ class _Innovations:
     """What samples say beyond those before them, along pieces of recordings side by side."""
 
     filter_: FlowFilter
+    recordings: Recordings
+    places: list[Piece]
     pieces: Recordings
     modes: NDArray[np.intp]  # (n_steps, n_pieces)
     inside: NDArray[np.bool_]  # of the samples at the ends of steps: those that are no overlap
-    errors: Array | None = None  # (n_steps, n_pieces, n_states), in their own deviations
+    unit: Array  # (n_states,): what sizes are tried in
+    errors: Array = field(default_factory=lambda: np.zeros(0))  # (n_steps, n_pieces, n_states)
     nats: float = 0.0
 
     @classmethod
     def of(cls, estimate: Estimate, noise: Array, settings: StaySettings) -> _Innovations:
         recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
-        pieces, places = recordings.cut(settings.piece, settings.overlap)
+        pieces, places = recordings.cut(_PIECE, settings.overlap)
         spans = pieces_of(recordings.spans, places)
         filter_ = FlowFilter.of(estimate.laws, pieces, noise, np.zeros(len(noise)), spans)
         k = np.arange(len(pieces.steps))[:, None]
@@ -108,7 +109,26 @@ class _Innovations:
             for ends in zip(*((piece.first, piece.last) for piece in places), strict=True)
         )
         modes = pieces_of(intervals_of(estimate), places)
-        return cls(filter_, pieces, modes, (k >= first) & (k < last))
+        return cls(filter_, recordings, places, pieces, modes, (k >= first) & (k < last), noise)
+
+    def most_likely(self, walk: Array | None = None, sensor: Array | None = None) -> _Innovations:
+        """At sizes of highest likelihood, in these units, but for those that are given."""
+        n, measured = len(self.unit), np.isfinite(self.pieces.y).any(axis=(0, 1))
+        first = np.concatenate([
+            np.full(n, _FIRST) if walk is None else walk, np.ones(n) if sensor is None else sensor
+        ])  # fmt: skip
+        free = np.append(np.full(n, walk is None), measured & (sensor is None))
+
+        def sized(logarithms: Array) -> _Innovations:
+            sizes = first.copy()
+            sizes[free] = np.exp(logarithms)
+            return self.with_noise(self.unit * sizes[n:], self.unit * sizes[:n])
+
+        found = minimize(
+            lambda logarithms: -sized(logarithms).nats, np.log(first[free]), method="L-BFGS-B",
+            bounds=[np.log([_LEAST, _MOST])] * int(free.sum()), options={"ftol": _CONVERGED},
+        )  # fmt: skip
+        return sized(found.x)
 
     def with_noise(self, sensor: Array, walk: Array) -> _Innovations:
         """The same where noise is of such sizes, in states and in a usual interval."""
@@ -132,14 +152,20 @@ class _Innovations:
         return replace(self, filter_=filter_, errors=np.array(errors), nats=nats)
 
     @property
-    def are_white(self) -> bool:
-        """Whether no channel goes on as it did before."""
-        assert self.errors is not None
-        run = np.broadcast_to(np.arange(self.inside.shape[1]), self.inside.shape)
-        for own in np.moveaxis(self.errors, 2, 0):
-            seen = self.inside & np.isfinite(own)
-            if seen.any():
-                test = whiteness_test(own.T[seen.T], groups=run.T[seen.T])
-                if test.p_value < _COLOURED:
-                    return False
+    def are_noise(self) -> bool:
+        """Whether no channel goes on as it did before, and none is larger in any stretch."""
+        whole = [self.recordings.of_pieces(own, self.places) for own in np.moveaxis(self.errors, 2, 0)]
+        ends = self.recordings.lengths - 1
+        left = [np.stack([own[:n, k] for own in whole], axis=1) for k, n in enumerate(ends)]
+        return all((one < 0).all() for one in first_breaks(left)) and all(
+            _is_white([one[:, channel] for one in left]) for channel in range(len(whole))
+        )
+
+
+def _is_white(left: list[Array]) -> bool:
+    """Whether what is left of a channel, of each recording, says nothing of what follows."""
+    seen = [one[np.isfinite(one)] for one in left]
+    if not any(map(len, seen)):  # it is not measured
         return True
+    recording = np.repeat(np.arange(len(seen)), [len(one) for one in seen])
+    return whiteness_test(np.concatenate(seen), recording).p_value >= _COLOURED
