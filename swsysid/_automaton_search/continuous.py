@@ -55,7 +55,12 @@ from swsysid._automaton_search.jumps import jumps_of, without_impacts
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.transitions import possible, transitions_of, with_brief_stays
+from swsysid._automaton_search.transitions import (
+    jumps_told,
+    possible,
+    transitions_of,
+    with_brief_stays,
+)
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise
@@ -197,7 +202,7 @@ def _in_rounds(cutting: Cutting, jumps: list[NDArray[np.intp]], terms: GuardTerm
     for _ in range(SETTINGS.most_rounds):
         cutting.told()
         alone = apart(cutting.given, cut.stays, cut.pieces, cutting.settings)
-        jumps = _jumps(transitions_of(*alone, terms), cut.jumps, cutting.given)
+        jumps = jumps_told(transitions_of(*alone, terms), cut.jumps, cutting.given)
         if all(map(np.array_equal, jumps, cut.jumps)):
             break
         again = cutting.again(cut, jumps)
@@ -271,7 +276,9 @@ def _answer(
 def _by_rollouts(
     given: Given, stays: StayIdentification, pieces: Pieces, found: list[Settled]
 ) -> list[Settled]:
-    """The same with guards that free rollouts prefer to their rivals."""
+    """The same with guards that free rollouts prefer to their rivals, where states do not walk."""
+    if stays.estimate.nodes.recordings.walk is not None:
+        return found
 
     def with_guards(guards: Guards) -> list[Settled]:
         return [replace(one, guard=guard) for one, guard in zip(found, guards, strict=True)]
@@ -379,23 +386,3 @@ def _exactly(
     ]
     recordings = Recordings.of(records, between=within)
     return pieces, search.followed(exact, recordings, stays)
-
-
-def _jumps(
-    switches: list[Settled], before: list[NDArray[np.intp]], given: Given
-) -> list[NDArray[np.intp]]:
-    """Of each recording the samples after which it jumps.
-
-    A cut beside a stretch that is too short to be followed is not judged, and stays.
-    """
-    jumps = []
-    for k, record in enumerate(given.records):
-        judged = [
-            (one.transition.jumps, np.searchsorted(record.t, one.switches.known[own, 0]))
-            for one in switches
-            for own in [one.switches.recording == k]
-        ]
-        jumped = [places for does, places in judged if does]
-        unjudged = np.setdiff1d(before[k], np.concatenate([[], *(at for _, at in judged)]))
-        jumps.append(np.unique(np.concatenate([unjudged, *jumped])).astype(np.intp))
-    return jumps

@@ -153,30 +153,29 @@ class Cutting:
     def _walking(self, cut: Cut) -> Cut:
         """The answer beside a random walk of the states, where that is all that laws leave.
 
-        Where laws are taken to be all that moves a state, brief stays make up for it: stays are
-        told anew until the walk is what they leave.
+        Where laws are taken to be all that moves a state, brief stays and jumps make up for it:
+        stays are told anew, from recordings as they were, until the walk is what they leave.
         """
         reached = cut.stays.reached
-        known = self.walk is not None or cut in self.still
+        known = self.walk is not None or any(cut is one for one in self.still)
         if known or (self._explains(cut.stays) and counted_as_one(reached) == 1.0):
             return cut
         self.still.append(cut)
-        now, before = cut, None
+        now, before, search = cut, None, self.first.search
         for _ in range(SETTINGS.most_rounds):
             walk = walk_of(now.stays.estimate, now.stays.left, self.settings)
             has_stays = len(now.stays.estimate.nodes.instants) > 0
             if not (walk.is_all or has_stays) or not walk.pays:
                 break
-            now.search.walk = walk.walk
+            search.walk = walk.walk
             if before is not None and walk.is_as(before):
                 break
-            now, before = self._told_anew(now, now.stays), walk
+            now, before = self._told_anew(self.first, now.stays), walk
         if before is None or not walk.is_all:
-            now.search.walk = None
+            search.walk = None
             return cut
         self.walk = walk
-        self.answers.append(now)
-        return now
+        return self._jumping(self.first, now.stays)
 
     def _explains(self, found: StayIdentification) -> bool:
         """Whether no mode could explain more; states that are no rollout yet say nothing of it."""
@@ -366,9 +365,7 @@ def apart(
     recordings = Recordings.of(alone.given.records, rough)
     parts = found.estimate.nodes.recordings.per_sample
     before = found.estimate.nodes.recordings
-    recordings = replace(
-        recordings.divided(parts), first_step=before.first_step, walk=before.walk
-    )
+    recordings = replace(recordings.divided(parts), first_step=before.first_step, walk=before.walk)
     stays = [Stays(np.array([mode]), np.zeros(0)) for mode in first]
     nodes = recordings.in_a_row(recordings.guess)
     estimate = Estimate(found.estimate.laws, Nodes(recordings, stays), nodes)

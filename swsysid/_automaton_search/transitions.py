@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton_search.conditions import with_teller
@@ -22,6 +23,7 @@ from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, at_samples, switches_of
 from swsysid._stays.certainty import certainty
 from swsysid._stays.descent import most_likely
+from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
 from swsysid._stays.laws import Laws
 from swsysid._stays.pieces import Pieces
@@ -141,6 +143,26 @@ def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settle
         else replace(one, guard=None, forestalled=True)
         for one in found
     ]
+
+
+def jumps_told(
+    switches: list[Settled], before: list[NDArray[np.intp]], given: Given
+) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which it jumps.
+
+    A cut beside a stretch that is too short to be followed is not judged, and stays.
+    """
+    jumps = []
+    for k, record in enumerate(given.records):
+        judged = [
+            (one.transition.jumps, np.searchsorted(record.t, one.switches.known[own, 0]))
+            for one in switches
+            for own in [one.switches.recording == k]
+        ]
+        jumped = [places for does, places in judged if does]
+        unjudged = np.setdiff1d(before[k], np.concatenate([[], *(at for _, at in judged)]))
+        jumps.append(np.unique(np.concatenate([unjudged, *jumped])).astype(np.intp))
+    return jumps
 
 
 def with_brief_stays(

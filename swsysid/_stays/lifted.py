@@ -192,7 +192,8 @@ class Objective:
         a sample, the trace of the smoother of a random walk.
         """
         loose = self._looseness(nodes)
-        of_nodes = (loose / np.sqrt(4.0 + loose**2)).sum() * len(nodes) / nodes.recordings.per_sample
+        of_nodes = (loose / np.sqrt(4.0 + loose**2)).sum()
+        of_nodes *= len(nodes) / nodes.recordings.per_sample
         return float(len(self.noise) * len(nodes.recordings) + of_nodes)
 
     def allows(self, estimate: Estimate) -> bool:

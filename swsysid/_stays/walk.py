@@ -30,7 +30,7 @@ from swsysid._stays.settings import StaySettings
 
 # Deviations that are tried, by the noise at hand: of both, at most, and of a walk, the first one.
 _LEAST, _MOST, _FIRST = 1e-3, 1e2, 0.3
-# Part of the likelihood that a step must gain; samples of a piece, of which all are worked side by side.
+# Part of the likelihood that a step must gain; samples of a piece, all worked side by side.
 _CONVERGED, _PIECE = 1e-6, 30
 # Part by which sizes may differ and be the same.
 _SAME = 0.1
@@ -154,7 +154,8 @@ class _Innovations:
     @property
     def are_noise(self) -> bool:
         """Whether no channel goes on as it did before, and none is larger in any stretch."""
-        whole = [self.recordings.of_pieces(own, self.places) for own in np.moveaxis(self.errors, 2, 0)]
+        channels = np.moveaxis(self.errors, 2, 0)
+        whole = [self.recordings.of_pieces(own, self.places) for own in channels]
         ends = self.recordings.lengths - 1
         left = [np.stack([own[:n, k] for own in whole], axis=1) for k, n in enumerate(ends)]
         return all((one < 0).all() for one in first_breaks(left)) and all(

@@ -49,6 +49,7 @@ class Case:
     with_guards: bool = False
     with_resets: bool = False
     far: float = 0.0  # by which states miss the surface, further
+    walk: tuple = (0.0, 0.0)  # what a random walk adds in an interval
 
     def __post_init__(self):
         rng, self.known = np.random.default_rng(5), {}
@@ -65,7 +66,8 @@ class Case:
             self.y[0][4, 1] = self.y[1][16, 0] = np.nan
             self.sizes[3, 1] = 2.0, 0.5
         records = [Record(*own) for own in zip(self.times, self.y, self.u, strict=True)]
-        recordings = replace(Recordings.of(records), sizes=self.sizes)
+        walk = np.array(self.walk)
+        recordings = replace(Recordings.of(records), sizes=self.sizes, walk=walk)
         kind = Told if self.with_resets else Stays
         stays = [kind(np.array(modes), np.array(instants)) for modes, instants in self.stays]
         free = COEF != 0.0
@@ -137,7 +139,8 @@ class Case:
                     if self.with_resets:
                         end = maps[0 if mode == 1 else 1] @ np.append(1.0, end)
                 end, _ = flown(coef[mode], end, input_, slope, t[k + 1] - last)
-                weight = 1.0 / (objective.tie * np.sqrt(h / interval))
+                loose = np.hypot(objective.tie, np.array(self.walk) / objective.noise)
+                weight = 1.0 / (loose * np.sqrt(h / interval))
                 residuals.append((x[k + 1] - end) / objective.noise * weight)
             found.append(np.concatenate(residuals))
             begin, switch = begin + len(t), switch + len(own)
@@ -183,6 +186,7 @@ CASES = {
     "uneven": Case(even=False),
     "surface": Case(with_guards=True),
     "resets": Case(even=False, with_guards=True, with_resets=True),
+    "walk": Case(affine=True, with_guards=True, walk=(0.004, 0.03)),
 }
 
 
