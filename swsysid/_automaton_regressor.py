@@ -124,7 +124,7 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
     noise_ : ndarray of shape (n_channels,)
         What the laws leave of the measured states: noise of the sensor.
     equation_noise_ : ndarray of shape (n_states,) or None
-        In discrete time, where samples are not exact: noise in the equation, a sample.
+        What noise in the equation adds to the states in an interval, None where there is none.
     input_holds_ : tuple of str
         What each input does between two samples; nothing in discrete time.
     coef_errors_ : ndarray of the shape of ``coef_``

@@ -9,16 +9,19 @@ with nu degrees of freedom and scales s_k,
 Infinite nu is the normal law. Scales are standard deviations of the normal law with the same
 median size of residuals, or the most likely scales of Student's law. How heavy the tails are and
 how broad the outliers is for the user of the model to say, with the measurement behind it.
+Whether what is left goes on, as no noise does, is Ljung and Box's test of its normal scores.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, ndtri
+from scipy.stats import chi2, norm, rankdata
 
 from swsysid._results import Array
 
@@ -180,3 +183,41 @@ def memory(values: Array, series: Sequence[NDArray[np.intp]]) -> float:
     times = 1.0 + 2.0 * np.cumsum(products[1:] / products[0])
     settled = np.arange(1, longest) >= _SETTLED * times
     return max(1.0, float(times[np.argmax(settled)] if settled.any() else times.max()))
+
+
+class Portmanteau(NamedTuple):
+    """Autocorrelations of scores, and Ljung and Box's test of all of them together."""
+
+    statistic: float  # chi-squared with as many degrees of freedom as there are lags
+    autocorrelation: tuple[float, ...]  # from lag one on
+    n_pairs: tuple[int, ...]  # behind each
+
+    @property
+    def p_value(self) -> float:
+        """Chance of so large a statistic where nothing goes on."""
+        return float(chi2.sf(self.statistic, len(self.n_pairs)))
+
+
+def normal_scores(values: Array) -> Array:
+    """Normal quantiles of the ranks."""
+    return np.asarray(norm.ppf(rankdata(values) / (len(values) + 1.0)))
+
+
+def portmanteau(
+    scores: Array, series: NDArray[np.intp], n_lags: int, fewest: int = 1
+) -> Portmanteau:
+    """Of scores with the number of their series, one after the other; of `fewest` pairs a lag.
+
+    Pairs of all series are pooled.
+    """
+    sums, pairs = [], []
+    for lag in range(1, min(n_lags, len(scores) - 1) + 1):
+        together = series[lag:] == series[:-lag]
+        if together.sum() < fewest:
+            break
+        sums.append((scores[lag:] * scores[:-lag])[together].sum())
+        pairs.append(int(together.sum()))
+    variance = max(float(np.square(scores).mean()), np.finfo(float).tiny)
+    rho = np.array(sums) / np.array(pairs) / variance
+    statistic = (len(scores) + 2) / len(scores) * float(np.square(rho) @ np.array(pairs))
+    return Portmanteau(statistic, tuple(rho.tolist()), tuple(pairs))

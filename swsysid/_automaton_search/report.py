@@ -36,7 +36,8 @@ class AutomatonReport:
     noise : ndarray of shape (n_channels,)
         What the laws leave of the measured states: noise of the sensor.
     noises : KindsOfNoise or None
-        Of the sensor and in the equation, in discrete time where samples are not exact.
+        Of the sensor and in the equation: where states walk beside the laws, and in discrete time
+        of all samples that are not exact.
     states : tuple of str
         Their names.
     refinement : AutomatonRefinement or None

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2, norm, rankdata
+from scipy.stats import norm
 
 from swsysid._checks.arrays import column, labels
 from swsysid._checks.parameters import whole
+from swsysid._noise import normal_scores, portmanteau
 from swsysid._residual_report.dependence import correlation_length, holm
 from swsysid._residual_report.findings import Finding
 from swsysid._residual_report.noise_floor import FEWEST_NEIGHBOURS
@@ -105,34 +106,20 @@ def whiteness_test(
     names, codes = np.unique(named, return_inverse=True)
     order = np.argsort(codes, kind="stable")
     scores, codes = normal_scores(values[order]), codes[order]
-    sums, pairs = [], []
-    for lag in range(1, min(n_lags, len(scores) - 1) + 1):
-        together = codes[lag:] == codes[:-lag]
-        if together.sum() < FEWEST_NEIGHBOURS:
-            break
-        sums.append((scores[lag:] * scores[:-lag])[together].sum())
-        pairs.append(int(together.sum()))
-    if not sums:
+    seen = portmanteau(scores, codes, n_lags, FEWEST_NEIGHBOURS)
+    if not seen.n_pairs:
         raise ValueError(
             f"fewer than {FEWEST_NEIGHBOURS} pairs of rows follow each other in a "
             "trajectory; whiteness needs longer trajectories."
         )
-    variance = max(float(np.square(scores).mean()), np.finfo(float).tiny)
-    rho = np.array(sums) / np.array(pairs) / variance
-    statistic = (len(scores) + 2) / len(scores) * float(np.square(rho) @ np.array(pairs))
     return WhitenessTest(
-        statistic=statistic,
-        p_value=float(chi2.sf(statistic, len(rho))),
-        n_lags=len(rho),
-        autocorrelation=tuple(rho.tolist()),
-        n_pairs=tuple(pairs),
-        coloured_trajectories=_coloured(scores, codes, names, len(rho)),
+        statistic=seen.statistic,
+        p_value=seen.p_value,
+        n_lags=len(seen.n_pairs),
+        autocorrelation=seen.autocorrelation,
+        n_pairs=seen.n_pairs,
+        coloured_trajectories=_coloured(scores, codes, names, len(seen.n_pairs)),
     )
-
-
-def normal_scores(values: Array) -> Array:
-    """Normal quantiles of the ranks."""
-    return norm.ppf(rankdata(values) / (len(values) + 1.0))
 
 
 def _coloured(scores: Array, codes: NDArray, names: NDArray, n_lags: int) -> tuple:

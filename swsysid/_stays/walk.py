@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from swsysid._free_rollouts.breaks import first_breaks
-from swsysid._residual_report.whiteness import whiteness_test
+from swsysid._noise import normal_scores, portmanteau
 from swsysid._results import Array
 from swsysid._stays.filtering import Belief, FlowFilter, corrected, first_belief
 from swsysid._stays.lifted import Estimate
@@ -34,8 +34,8 @@ _LEAST, _MOST, _FIRST = 1e-3, 1e2, 0.3
 _CONVERGED, _PIECE = 1e-6, 30
 # Part by which sizes may differ and be the same.
 _SAME = 0.1
-# The significance below which innovations are not white.
-_COLOURED = 1e-3
+# The significance below which innovations are not white, and the lags that are asked.
+_COLOURED, _LAGS = 1e-3, 10
 
 
 @dataclass(frozen=True)
@@ -169,4 +169,5 @@ def _is_white(left: list[Array]) -> bool:
     if not any(map(len, seen)):  # it is not measured
         return True
     recording = np.repeat(np.arange(len(seen)), [len(one) for one in seen])
-    return whiteness_test(np.concatenate(seen), recording).p_value >= _COLOURED
+    scores = normal_scores(np.concatenate(seen))
+    return portmanteau(scores, recording, _LAGS).p_value >= _COLOURED
