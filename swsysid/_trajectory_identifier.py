@@ -28,6 +28,8 @@ from swsysid._stays.recording_report import reported
 from swsysid._stays.samples import active_modes_of, states_of
 from swsysid._stays.search import Search, check_estimator, check_order
 from swsysid._stays.settings import StaySettings
+from swsysid._stays.walk import Walk
+from swsysid._stays.walking import walking
 from swsysid._stays.weighted import weighted
 from swsysid._verdict.comparison import Split
 from swsysid._verdict.held_out import HeldOutTrajectories
@@ -105,6 +107,8 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         Their standard errors.
     noise_ : ndarray of shape (n_channels,)
         Standard deviation of the noise of each column of x.
+    equation_noise_ : ndarray of shape (n_states,) or None
+        What noise in the equation adds to the states in an interval, None where there is none.
     input_holds_ : tuple of str
         What each input does between two samples, as `input_hold`.
     coef_errors_ : ndarray of the shape of ``estimator_.coef_``
@@ -245,8 +249,9 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
                 knowledge=Knowledge(known, origin),
             )  # fmt: skip
             with handing_over(lambda begun: origin.told(begun).model):
-                found, total = search.identified(), None
+                found, total, walk = search.identified(), None, None
             if many is None:
+                found, walk = walking(found, search)
                 found = weighted(found, search, origin)
             else:
                 found, total = of_all(found, many, origin, holds, order, *options)
@@ -263,7 +268,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         sure = certainty(found, origin)
         if total is not None:
             sure = total.sure(found, sure)
-        self._store(found, search, origin, pieces, sure)
+        self._store(found, search, origin, pieces, sure, walk)
         self.estimator_.covariance_ = sure.covariance
         if total is not None:
             self._store_all(total)
@@ -345,13 +350,9 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         def fitted(rows, n_modes, whole, **options):
             asked = clone(estimator).set_params(**{"n_modes": n_modes, "known": known} | options)
             again = clone(self).set_params(
-                estimator=asked,
-                known=None,
-                refine=whole,
-                input_hold=self.input_holds_,
-                verbose=0,
-                checkpoint=None,
-            )
+                estimator=asked, known=None, refine=whole, input_hold=self.input_holds_,
+                verbose=0, checkpoint=None,
+            )  # fmt: skip
             return again.fit(*given.data(rows))
 
         held_out = HeldOutTrajectories(self._stepped(given), split, fitted, order)
@@ -359,7 +360,7 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
 
     def _store(
         self, found: StayIdentification, search: Search, origin: Origin, pieces: Pieces,
-        sure: Certainty,
+        sure: Certainty, walk: Walk | None,
     ) -> None:  # fmt: skip
         given = search.given
         recordings = found.estimate.nodes.recordings
@@ -370,11 +371,12 @@ class TrajectoryIdentifier(JudgedOnRecordings, ToOtherTools, MetaEstimatorMixin,
         stays = found.estimate.nodes.stays
         self.switch_times_, self.switch_time_errors_ = pieces.switches(stays, sure.instants)
         self.coef_errors_, self.surface_errors_ = sure.coef, sure.surface
-        self.noise_ = found.left[: given.n_channels]
+        self.noise_ = (found.left if walk is None else walk.sensor)[: given.n_channels]
+        self.equation_noise_ = None if walk is None else walk.walk
         self.mode_selection_, self.history_ = search.candidates, list(found.history)
         names = found.model.switching_model.feature_map.names_in
         held = hold_sentences(names, self.input_holds_, pieces.given, given)
-        self.report_ = reported(search, found, sure, self.modes_, origin, held, self.known_)
+        self.report_ = reported(search, found, sure, self.modes_, origin, held, self.known_, walk)
 
     def _store_all(self, total: Total) -> None:
         """What all of many recordings say, of some of which everything else is known."""

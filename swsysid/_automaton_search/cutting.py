@@ -34,7 +34,7 @@ from swsysid._stays.decoding import decode
 from swsysid._stays.descent import most_likely
 from swsysid._stays.filtering import FlowFilter
 from swsysid._stays.given import Given
-from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
+from swsysid._stays.identification import StayIdentification, leaves_noise
 from swsysid._stays.intervals import flow
 from swsysid._stays.knowledge import NOTHING, Knowledge
 from swsysid._stays.laws import Laws
@@ -46,7 +46,8 @@ from swsysid._stays.samples import modes_of, states_of
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
-from swsysid._stays.walk import Walk, walk_of
+from swsysid._stays.walk import Walk
+from swsysid._stays.walking import beside_walk
 
 # What most recordings may leave, in units of the noise, where laws are believed; how many samples a
 # cut moves at most; squares of one that is lost.
@@ -153,29 +154,22 @@ class Cutting:
     def _walking(self, cut: Cut) -> Cut:
         """The answer beside a random walk of the states, where that is all that laws leave.
 
-        Where laws are taken to be all that moves a state, brief stays and jumps make up for it:
-        stays are told anew, from recordings as they were, until the walk is what they leave.
+        It is told from recordings as they were: what walks looks like jumps, too.
         """
-        reached = cut.stays.reached
-        known = self.walk is not None or any(cut is one for one in self.still)
-        if known or (self._explains(cut.stays) and counted_as_one(reached) == 1.0):
+
+        def again(walk: Array, now: StayIdentification) -> StayIdentification:
+            self.first.search.walk = walk
+            return self._told_anew(self.first, now).stays
+
+        if self.walk is not None or any(cut is one for one in self.still):
             return cut
-        self.still.append(cut)
-        now, before, search = cut, None, self.first.search
-        for _ in range(SETTINGS.most_rounds):
-            walk = walk_of(now.stays.estimate, now.stays.left, self.settings)
-            has_stays = len(now.stays.estimate.nodes.instants) > 0
-            if not (walk.is_all or has_stays) or not walk.pays:
-                break
-            search.walk = walk.walk
-            if before is not None and walk.is_as(before):
-                break
-            now, before = self._told_anew(self.first, now.stays), walk
-        if before is None or not walk.is_all:
-            search.walk = None
+        noise = self.first.search.base.noise
+        if (told := beside_walk(cut.stays, noise, self.settings, again)) is None:
+            self.first.search.walk = None
+            self.still.append(cut)
             return cut
-        self.walk = walk
-        return self._jumping(self.first, now.stays)
+        stays, self.walk = told
+        return self._jumping(self.first, stays)
 
     def _explains(self, found: StayIdentification) -> bool:
         """Whether no mode could explain more; states that are no rollout yet say nothing of it."""

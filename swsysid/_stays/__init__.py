@@ -12,8 +12,8 @@ In reading order: `given`, `pieces`, `origin` and `recordings` are what is measu
 says when inputs step; `stays` and `nodes` say modes, instants and a state at every time. `laws`,
 `polynomial_laws`, `sliding`, `guards` and `resets` are vector fields, surfaces and jumps with
 derivatives. *Estimate*: `flow`, `equations`, `segments`, `arrow`, `lifted`, `descent`, all
-intervals in one pass; `walk` is noise in the equation. *Assign*: `filtering`, `decoding`, `assign`. *Refit the surface*: `surfaces`,
-`monomials`. `start`, `rounds`, `identify`, `search`, `count`, `merged` are starts, rounds and
+intervals in one pass. *Assign*: `filtering`, `decoding`, `assign`. *Refit the surface*: `surfaces`,
+`monomials`. `walk` and `walking` are noise in the equation; `start`, `rounds`, `identify`, `search`, `count`, `merged` are starts, rounds and
 numbers of modes; `retold` tells single stays otherwise; `intervals` and `exact` are for
 recordings without noise. `weighted` counts samples by their noise; `condensed` asks many
 recordings one by one what they say of laws and surfaces; `certainty`, `doubts`, `free` and

@@ -20,6 +20,7 @@ from swsysid._stays.identification import StayIdentification
 from swsysid._stays.origin import Origin
 from swsysid._stays.search import Search
 from swsysid._stays.settings import LIMITS
+from swsysid._stays.walk import Walk
 from swsysid._surfaces.surface import has_equations
 
 
@@ -95,8 +96,9 @@ class RecordingReport:
 
 
 def advice_of(
-    excess: Array, channels: tuple[str, ...], together: float, rollouts: FreeRollouts
-) -> str:
+    excess: Array, channels: tuple[str, ...], together: float, rollouts: FreeRollouts, *,
+    walks: bool = False,
+) -> str:  # fmt: skip
     """One sentence on what the rollouts leave, `excess` times the noise where switches are told."""
     worst, broken = int(np.argmax(excess)), rollouts.first_break
     if excess[worst] > 1.3:
@@ -104,6 +106,11 @@ def advice_of(
             f"The rollouts of {channels[worst]} leave {excess[worst]:.2g} times its noise: a term, "
             "a mode, an effect or a jump of a state is missing; try a larger library or more "
             "modes, search for effects, or use HybridAutomatonRegressor."
+        )
+    if walks:
+        return (
+            "The laws leave nothing but noise, one sample ahead; noise in the equation leads free "
+            "rollouts away from any recording, which is no proof against the laws."
         )
     if not rollouts.holds:
         told = "Told when to switch" if rollouts.n_switches else "Stretch by stretch"
@@ -139,6 +146,7 @@ def reported(
     origin: Origin,
     held: Iterable[str] = (),
     known: tuple[KnownCheck, ...] = (),
+    walk: Walk | None = None,
 ) -> RecordingReport:
     """What was found, with how certain it is, and what free rollouts say of it.
 
@@ -149,6 +157,7 @@ def reported(
     n_channels, names = given.n_channels, found.model.switching_model.feature_map.names_in
     channels, together = tuple(names[:n_channels]), sure.samples_that_count_as_one
     least = LIMITS.exactly * found.estimate.laws.spread[:n_channels]
+    sensor = (found.left if walk is None else walk.sensor)[:n_channels]
     near = np.maximum(search.base.noise[:n_channels], least)
     rollouts, noise = judged(found, origin, given.labels, near, channels, together, search.stretch)
     left = FitLeft.of(found, origin, noise, given)
@@ -157,6 +166,7 @@ def reported(
         *mode_doubts(n_modes, search.estimator.n_modes, search.counts[-1]),
         *noise.sentences(channels),
         *left.sentences(),
+        *([] if walk is None else walk.sentences(names)),
         *held,
     ]
     has_surfaces = n_modes > 1 and has_equations(found.model.surface_)
@@ -168,13 +178,14 @@ def reported(
         surfaces=tuple(found.model.surface_equations()) if has_surfaces else (),
         shares=np.bincount(modes, minlength=n_modes) / len(modes),
         channels=channels,
-        noise=found.left[:n_channels],
+        noise=sensor,
         noise_of_differences=search.base.noise[:n_channels],
         samples_that_count_as_one=together,
         excess=left.excess,
         rollouts=rollouts,
         doubts=tuple(doubts),
-        advice=blamed(known) or advice_of(left.excess, channels, together, rollouts),
+        advice=blamed(known)
+        or advice_of(left.excess, channels, together, rollouts, walks=walk is not None),
         known=known,
     )
 

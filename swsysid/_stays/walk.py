@@ -12,6 +12,7 @@ innovations are white is it a walk.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -66,6 +67,16 @@ class Walk:
         """Whether it says more than its sizes take, by the Bayesian information criterion."""
         n_values = np.isfinite(self.innovations.pieces.y[1:][self.innovations.inside]).sum()
         return bool(self.nats > 0.5 * len(self.walk) * np.log(max(2, n_values)))
+
+    def sentences(self, names: Sequence[str]) -> Iterator[str]:
+        """What is said of it, in the names of states."""
+        sizes = ", ".join(
+            f"{name} {size:.3g}" for name, size in zip(names, self.walk, strict=False)
+        )
+        yield (
+            f"There is noise in the equation, in an interval: {sizes}; that of the sensor alone is "
+            f"{self.nats:.3g} nats less likely."
+        )
 
     def is_as(self, other: Walk) -> bool:
         """Whether both sizes are about the same, where the sensor's leaves them to be seen."""

@@ -1,0 +1,61 @@
+"""Stays told anew beside a random walk of the states, where that is what laws leave.
+
+Where laws are taken to be all that moves a state, brief stays, jumps and other laws make up for
+what a walk does; so laws, stays and the sizes of both noises are told in turns, until these stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from swsysid._results import Array
+from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
+from swsysid._stays.search import Search
+from swsysid._stays.settings import StaySettings
+from swsysid._stays.walk import Walk, walk_of
+
+_MOST_TURNS = 4
+
+
+def beside_walk(
+    found: StayIdentification,
+    noise: Array,
+    settings: StaySettings,
+    again: Callable[[Array, StayIdentification], StayIdentification],
+) -> tuple[StayIdentification, Walk] | None:
+    """The answer beside a walk that is all that laws leave, and that walk; None if none is.
+
+    `noise` is what neighbours show; `again` is given the walk and the answer from which to go on.
+    """
+    reached = found.reached
+    if reached.is_joined and leaves_noise(reached, noise) and counted_as_one(reached) == 1.0:
+        return None
+    now, before = found, None
+    for _ in range(_MOST_TURNS):
+        walk = walk_of(now.estimate, now.left, settings)
+        has_stays = len(now.estimate.nodes.instants) > 0
+        if not (walk.is_all or has_stays) or not walk.pays:
+            break
+        if before is not None and walk.is_as(before):
+            break
+        now, before = again(walk.walk, now), walk
+    return (now, walk) if before is not None and walk.is_all else None
+
+
+def walking(found: StayIdentification, search: Search) -> tuple[StayIdentification, Walk | None]:
+    """The answer of a search, and the walk beside its laws; None where there is none.
+
+    Nodes that are tied loosely, along short stretches, are moved by more than laws anyway.
+    """
+
+    def again(walk: Array, now: StayIdentification) -> StayIdentification:
+        search.walk = walk
+        return search.refitted(now, search.base.recordings)
+
+    if search.is_exact or search.stretch is not None:
+        return found, None
+    told = beside_walk(found, search.base.noise, search.settings, again)
+    if told is None:
+        search.walk = None
+        return found, None
+    return told
