@@ -25,8 +25,9 @@ MOST_LINES = {
     # two conditions, few columns, ways out of a mode, stays told by guards; automata of maps by
     # free rollouts; what is known; errors of guards and resets; instants that lie on samples;
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
-    # switches that are none of a guard; margins to samples at which guards are asked
-    "_automaton_search": 6430,
+    # switches that are none of a guard; margins to samples at which guards are asked; turns that
+    # single samples hide
+    "_automaton_search": 6480,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
