@@ -109,13 +109,14 @@ def _jumps_of(record: Record, noise: Array, n_positions: int) -> NDArray[np.intp
         last = _excess_at_end(record.t, record.filled, noise)
         first = _excess_at_end(-record.t[::-1], record.filled[::-1], noise)
         certain[n - 1 - len(last) :], certain[: len(first)] = last, first[::-1]
-    turns = [(certain[place], place, nearest) for place in np.flatnonzero(certain > 1.0)]
+    beyond = np.flatnonzero(certain > 1.0).tolist()
+    of_samples = [(float(certain[place]), place, nearest) for place in beyond]
     found: list[int] = []
-    for _, place, reach in sorted(turns, key=lambda one: -one[0]) + _turns_of_means(
+    for _, place, reach in sorted(of_samples, key=lambda one: -one[0]) + _turns_of_means(
         record.t, record.filled[:, :n_positions], noise[:n_positions]
     ):
         if all(abs(place - other) >= reach for other in found):
-            found.append(int(place))
+            found.append(place)
     return np.sort(np.array(found, dtype=np.intp))
 
 
