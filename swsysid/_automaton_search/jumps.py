@@ -11,6 +11,10 @@ of an interval goes
 .. math:: q(t) = \sum_{k \le 4} a_k t^k + \theta(t)\, (s + d\, t + \tfrac12 b\, t^2) ,
 
 where b is what a switch does, s says where in the interval it happens, and d is the jump.
+
+Where samples are many for what moves, d drowns in their noise: means of 2, 4, 8, ... neighbours are
+asked as well, as long as a recording has enough of them. A kink is seen in them ever more clearly.
+A short contact, which is as good as one in some of them, is not in those of half as many.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from swsysid._data.recordings import Record
 from swsysid._results import Array
 from swsysid._stays.given import FEWEST_SAMPLES, Given
 from swsysid._stays.pieces import jumps_at_events, noise_between_events
+from swsysid._stays.settings import LIMITS
 
 # Samples to each side that tell where a state was going; by how many intervals a kink may lead
 # astray (a half, and rounding); quantiles of slopes that a state may have; how far beyond curvature
@@ -104,13 +109,40 @@ def _jumps_of(record: Record, noise: Array, n_positions: int) -> NDArray[np.intp
         last = _excess_at_end(record.t, record.filled, noise)
         first = _excess_at_end(-record.t[::-1], record.filled[::-1], noise)
         certain[n - 1 - len(last) :], certain[: len(first)] = last, first[::-1]
+    beyond = np.flatnonzero(certain > 1.0).tolist()
+    of_samples = [(float(certain[place]), place, nearest) for place in beyond]
     found: list[int] = []
-    for place in np.argsort(-certain, kind="stable"):
-        if certain[place] <= 1.0:
-            break
-        if all(abs(place - other) >= nearest for other in found):
-            found.append(int(place))
+    for _, place, reach in sorted(of_samples, key=lambda one: -one[0]) + _turns_of_means(
+        record.t, record.filled[:, :n_positions], noise[:n_positions]
+    ):
+        if all(abs(place - other) >= reach for other in found):
+            found.append(place)
     return np.sort(np.array(found, dtype=np.intp))
+
+
+def _turns_of_means(t: Array, y: Array, noise: Array) -> list[tuple[float, int, int]]:
+    """Where means of neighbouring samples turn: how certainly, after which sample, and their reach.
+
+    The most certain first. Those of half as many neighbours turn there too, and say more closely
+    where; within the reach of one that is more certain they turn because of that one.
+    """
+    width, count = _SIDES[-1], 1
+    found: list[tuple[float, int, int]] = []
+    before, finer = np.zeros(0, dtype=np.intp), np.zeros(0)
+    while y.shape[1] and len(t) >= 2 * width * count:
+        n = len(t) // count
+        times, values = (
+            one[: n * count].reshape(n, count, -1).mean(axis=1) for one in (t[:, None], y)
+        )
+        certain = _turns(times[:, 0], values, noise / np.sqrt(count), width, smooth=True)
+        places = (np.arange(len(certain)) + width) * count - 1
+        for k in np.flatnonzero(certain > 1.0):
+            near = np.flatnonzero((np.abs(before - places[k]) <= 2 * count) & (finer > 1.0))
+            if near.size:
+                places[k] = before[near[finer[near].argmax()]]
+                found.append((float(certain[k]), int(places[k]), width * count))
+        before, finer, count = places, certain, 2 * count
+    return sorted(found, key=lambda one: -one[0])
 
 
 def _excess_at_end(t: Array, y: Array, noise: Array) -> Array:
@@ -155,18 +187,25 @@ def _excess(record: Record, noise: Array, width: int) -> Array:
     return np.asarray((apart / (of_noise + of_curvature + np.finfo(float).tiny)).max(axis=1))
 
 
-def _turns(t: Array, y: Array, noise: Array, width: int) -> Array:
+def _turns(t: Array, y: Array, noise: Array, width: int, *, smooth: bool = False) -> Array:
     """By how much positions turn in an interval, in units of what they may.
 
-    Or about the sample after it, where they turn far more: that may belong to neither side.
+    Or about the sample after it, where they turn far more: that may belong to neither side. With
+    `smooth` they do not where a polynomial of as many terms is as good, which few samples cannot
+    tell.
     """
     n = len(t) - 2 * width + 1
     turned, sides = np.zeros(n), np.arange(2 * width)
     for share, samples in ((1.0, sides), (_ABOUT, sides + (sides >= width))):
         length = int(samples[-1]) + 1
+        if length > len(t):
+            break
         times, values = sliding_window_view(t, length), sliding_window_view(y, length, axis=0)
         parts = [slice(k, k + _AT_ONCE) for k in range(0, len(times), _AT_ONCE)]
-        found = [_turn(times[own][:, samples], values[own][:, :, samples], noise) for own in parts]
+        found = [
+            _turn(times[own][:, samples], values[own][:, :, samples], noise, smooth=smooth)
+            for own in parts
+        ]
         if not found:
             continue
         jumps, errors, moves = (np.concatenate(one) for one in zip(*found, strict=True))
@@ -181,7 +220,7 @@ def _turns(t: Array, y: Array, noise: Array, width: int) -> Array:
     return turned
 
 
-def _turn(t: Array, values: Array, noise: Array) -> tuple[Array, Array, Array]:
+def _turn(t: Array, values: Array, noise: Array, *, smooth: bool) -> tuple[Array, Array, Array]:
     """Jumps of the speed amid windows, their errors, and accelerations before, NaN if none follows.
 
     A window that leaves more than noise is another motion, or turns elsewhere.
@@ -191,14 +230,22 @@ def _turn(t: Array, values: Array, noise: Array) -> tuple[Array, Array, Array]:
     since = (t - at[:, None]) / unit
     after = np.where(since > 0.0, 1.0, 0.0)[:, :, None] * since[:, :, None] ** np.arange(3)
     basis = np.concatenate([since[:, :, None] ** np.arange(_SHARED), after], axis=2)
+    if np.ptp(since, axis=0).max() <= LIMITS.exactly:  # windows of equal steps share one inverse
+        since, basis = since[:1], basis[:1]
     inverse = np.linalg.pinv(basis)
     coef = np.matmul(values, inverse.transpose(0, 2, 1))
     left = values - np.matmul(coef, basis.transpose(0, 2, 1))
     freedom, speed = left.shape[2] - basis.shape[2], _SHARED + 1
     follows = np.square(left / noise[:, None]).sum(axis=2) <= chi2.ppf(_FOLLOWS, freedom)
     errors = noise * np.sqrt(np.square(inverse[:, speed]).sum(axis=1))[:, None] / unit
+    jumps = np.abs(coef[:, :, speed]) / unit
+    if smooth:
+        rival = np.linalg.qr(since[:, :, None] ** np.arange(basis.shape[2]))[0]
+        of_rival = values - np.matmul(np.matmul(values, rival), rival.transpose(0, 2, 1))
+        gained = (np.square(of_rival) - np.square(left)).sum(axis=2) / np.square(noise)
+        jumps = np.where(gained > SETTINGS.beyond_noise**2, jumps, 0.0)
     accelerations = np.where(follows, 2.0 * np.abs(coef[:, :, 2]) / np.square(unit), np.nan)
-    return np.abs(coef[:, :, speed]) / unit, errors, accelerations
+    return jumps, errors, accelerations
 
 
 def _parabolas(t: Array, values: Array, at: Array) -> tuple[Array, Array, Array, Array]:

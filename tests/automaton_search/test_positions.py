@@ -90,6 +90,19 @@ def test_turns_are_seen_where_they_are():
     np.testing.assert_array_equal(found, np.floor(instants * 240.0))
 
 
+def test_a_turn_that_single_samples_hide_is_seen_in_means_of_them():
+    t = np.arange(0.0, 20.0, 0.01)
+    # a speed of one and back is, from one sample to the next, a third of the noise
+    kinks = np.array([4.0, 9.0, 15.0])
+    y = np.interp(t, [0.0, *kinks, 20.0], [0.0, 4.0, -1.0, 5.0, 0.0])
+    other = np.exp(-0.5 * t) * np.sin(5.0 * t)  # a smooth motion that does not hide it
+    y = np.column_stack([y, other]) + 0.03 * np.random.default_rng(0).standard_normal((len(t), 2))
+    [found] = jumps_of(read_given(y, t, None, None).with_rates(2))
+    assert len(found) == len(kinks)
+    # nearer than the samples among which a cut is moved once laws are known
+    assert np.abs(t[found] - kinks).max() <= 0.1
+
+
 @pytest.mark.parametrize("step, noise", [(0.01, 1e-3), (0.02, 0.01), (0.05, 0.01)])
 def test_a_smooth_motion_does_not_turn(step, noise):
     t = np.arange(0.0, 20.0, step)

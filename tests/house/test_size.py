@@ -26,8 +26,8 @@ MOST_LINES = {
     # free rollouts; what is known; errors of guards and resets; instants that lie on samples;
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
-    # walk
-    "_automaton_search": 6490,
+    # walk, turns that single samples hide
+    "_automaton_search": 6540,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
