@@ -48,6 +48,7 @@ from swsysid._stays.settings import StaySettings
 from swsysid._stays.stays import Stays
 from swsysid._stays.walk import Walk
 from swsysid._stays.walking import beside_walk
+from swsysid._ties import least_of
 
 # What most recordings may leave, in units of the noise, where laws are believed; how many samples a
 # cut moves at most; squares of one that is lost.
@@ -143,8 +144,8 @@ class Cutting:
         """With so many modes, from the answer with fewer on the recordings as they were."""
         self.fewer = self.first.search.with_modes(n_modes, self.fewer)
         cut = self._jumping(self.first, self.fewer)
-        # the first two are always asked for: others make up for what a walk would explain
-        return (self._walking(cut) if n_modes in (1, 2) else cut).stays
+        # two are always asked for: further ones would make up for what walks
+        return (self._walking(cut) if n_modes == 2 else cut).stays
 
     def _merged(self, more: StayIdentification) -> StayIdentification | None:
         cut = self._of(more)
@@ -154,7 +155,8 @@ class Cutting:
     def _walking(self, cut: Cut) -> Cut:
         """The answer beside a random walk of the states, where that is all that laws leave.
 
-        It is told from recordings as they were: what walks looks like jumps, too.
+        It is told from recordings as they were, what walks looks like jumps, too; where fewer
+        modes do as well beside it, they are the answer.
         """
 
         def again(walk: Array, now: StayIdentification) -> StayIdentification:
@@ -169,7 +171,11 @@ class Cutting:
             self.still.append(cut)
             return cut
         stays, self.walk = told
-        return self._jumping(self.first, stays)
+        n_modes = len(stays.estimate.laws.coef)
+        fewer = [one for one in self.answers if len(one.stays.estimate.laws.coef) < n_modes]
+        every = [stays, *(self._told_anew(self.first, one.stays).stays for one in fewer)]
+        best = least_of(every, lambda one: criterion(len(one.estimate.laws.coef), one).criterion)
+        return self._jumping(self.first, best)
 
     def _explains(self, found: StayIdentification) -> bool:
         """Whether no mode could explain more; states that are no rollout yet say nothing of it."""

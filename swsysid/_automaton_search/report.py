@@ -162,7 +162,8 @@ def _judgement(found: IdentifiedAutomaton) -> str:
     left = "The laws leave nothing but noise"
     if found.excess is None:
         left = "What the laws leave counts as noise"
-    if not (rollouts.holds or found.verdicts):
+    driven = found.noises is not None and found.noises.drives
+    if not (rollouts.holds or found.verdicts or driven):
         return (
             f"{left} from one sample to the next; by itself the automaton leaves "
             f"{rollouts.strays or 'the recordings'}: a law is off, or the state jumps and is seen "
@@ -174,7 +175,7 @@ def _judgement(found: IdentifiedAutomaton) -> str:
         if all(one.is_determined for one in found.verdicts):
             return f"{left}, and guards tell all switches."
         return f"{left}, and guards tell the switches of these recordings; not all are determined."
-    if found.noises is not None and found.noises.drives:
+    if driven:
         return (
             f"{left}, one sample ahead; noise in the equation leads free rollouts away from any "
             "recording, which is no proof against the laws."

@@ -100,3 +100,21 @@ def test_innovations_have_the_likelihood_of_the_joint_density():
     around = product((0.97, 1.0, 1.03), repeat=2)
     assert all(dense(a * walk.sensor[0], b * walk.walk[0]) < best + 0.02 for a, b in around)
     assert walk.nats == pytest.approx(best - max(dense(a, 0.0) for a in SIZES), abs=0.02)
+
+
+def test_one_law_beside_a_walk_is_one_mode():
+    """Two laws would make up for it, with stays that come and go."""
+    rng, runs = np.random.default_rng(3), []
+    for _ in range(5):
+        T, measured = rng.uniform(15.0, 25.0), []
+        for _ in range(N):
+            measured.append(T + SENSOR * rng.standard_normal())
+            for _ in range(PARTS):
+                T -= STEP / PARTS * 0.5 * (T - 20.0)
+                T += 0.1 * np.sqrt(STEP / PARTS) * rng.standard_normal()
+        runs.append({"t": STEP * np.arange(N), "x": np.array(measured)[:, None]})
+    found = fitted(runs)
+    assert found.n_modes_ == 1
+    assert found.equation_noise_[0] == pytest.approx(0.1 * np.sqrt(STEP), rel=0.1)
+    assert (np.abs(found.coef_[0, 0] - [10.0, -0.5]) < 3.0 * found.coef_errors_[0, 0]).all()
+    assert "no proof against the laws" in found.report_.advice
