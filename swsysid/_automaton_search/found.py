@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from swsysid._automaton.transitions import AffineReset, Guard, PolynomialGuard, guard_of
+from swsysid._automaton.transitions import AffineReset, Guard, PolynomialGuard, Transition, guard_of
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
@@ -27,6 +27,8 @@ class FoundGuard:
     beyond: int = 0  # samples of its mode that lie on the wrong side
     rivals: tuple[FoundGuard, ...] = ()  # of other columns, that tell the same switches
     also: tuple[FoundGuard, ...] = ()  # conditions that hold besides where it rises
+    # (n_switches,): number of the condition that rises there, the last; of one it is the first
+    last: NDArray[np.intp] | None = None
     is_lent: bool = False  # by other transitions, whose switches tell it
     n_shared: int = 0  # switches of others, which cross the same surface
 
@@ -121,6 +123,10 @@ class FoundReset:
     # (n_states, 1 + n_states): standard errors of offset and matrix, zero where they are fixed
     errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
+    def take(self, rows: NDArray[np.bool_]) -> FoundReset:
+        """That of some of the switches."""
+        return replace(self, left=self.left[rows])
+
     @property
     def sizes(self) -> Array:
         """What is left of each component in the mean, (n_states,)."""
@@ -144,6 +150,12 @@ class FoundTransition:
     def __len__(self) -> int:
         return len(self.times)
 
+    def take(self, rows: NDArray[np.bool_], guard: FoundGuard) -> FoundTransition:
+        """Some of its switches, with a guard of their own."""
+        recording, times = self.recording[rows], self.times[rows]
+        reset = None if self.reset is None else self.reset.take(rows)
+        return replace(self, recording=recording, times=times, guard=guard, reset=reset)
+
     @property
     def is_one(self) -> bool:
         """True if something changes: the mode, or the state."""
@@ -153,6 +165,22 @@ class FoundTransition:
     def jumps(self) -> bool:
         """True if the state does not go on."""
         return self.reset is not None and bool(self.reset.changed.any())
+
+
+def place_of(
+    transition: Transition, found: Sequence[FoundTransition], order: NDArray[np.intp]
+) -> int:
+    """Number of the one that a transition of an automaton was made of.
+
+    It is that between the modes found as its own, of which there may be several, with its guard.
+    """
+    pair = order[transition.source], order[transition.target]
+    first = transition.guard.conditions[0]
+    return next(
+        k
+        for k, one in enumerate(found)
+        if (one.source, one.target) == pair and one.guard and one.guard.guard is first
+    )
 
 
 @dataclass(frozen=True)

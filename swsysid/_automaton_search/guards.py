@@ -93,6 +93,15 @@ def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
     return np.asarray(guard.values(columns) / _rises(guard, columns, rates)[1])
 
 
+def missed_by_all(
+    guard: FoundGuard, columns: Array, rates: Array
+) -> tuple[Array, NDArray[np.intp]]:
+    """The same of a guard of several conditions, and which of them is the last to rise."""
+    times = np.array([missed_by(one, columns, rates) for one in guard.whole.conditions])
+    last = times.argmin(axis=0)
+    return times[last, np.arange(len(columns))], last
+
+
 def where_it_rises(guard: FoundGuard, columns: Array, rates: Array) -> Array:
     """Columns moved along their rates to where the guard is zero: there its conditions are judged.
 
