@@ -31,6 +31,7 @@ class FoundGuard:
     last: NDArray[np.intp] | None = None
     is_lent: bool = False  # by other transitions, whose switches tell it
     n_shared: int = 0  # switches of others, which cross the same surface
+    sure: Array | float = 0.0  # (n_switches,): standard errors of the instants
 
     @property
     def whole(self) -> Guard:
@@ -47,12 +48,11 @@ class FoundGuard:
         """Standard errors of the coefficients of all conditions."""
         return np.concatenate([self.errors, *(one.errors for one in self.also)])
 
-    def turned(self, sign: float, missed: Callable[[FoundGuard], Array]) -> FoundGuard:
+    def turned(self, sign: float, of_way: Callable[[FoundGuard], FoundGuard]) -> FoundGuard:
         """That of one way, of a surface that is crossed both ways; so are its rivals."""
         guard = PolynomialGuard(sign * self.guard.coef, self.guard.powers)
-        rivals = tuple(one.turned(sign, missed) for one in self.rivals)
-        own = replace(self, guard=guard, rivals=rivals)
-        return replace(own, misses=missed(own))
+        rivals = tuple(one.turned(sign, of_way) for one in self.rivals)
+        return of_way(replace(self, guard=guard, rivals=rivals))
 
     def in_time(self, interval: float) -> FoundGuard:
         """The same of misses that are counted in intervals."""
@@ -97,10 +97,14 @@ class FoundGuard:
         """Root mean square of the misses."""
         return float(np.sqrt(np.nanmean(np.square(self.misses))))
 
+    def explains(self, interval: float) -> NDArray[np.bool_]:
+        """Switches at which it is zero within two samples, or as the errors of instants allow."""
+        near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * self.sure)
+        return np.asarray(np.abs(self.misses) <= near)
+
     def explained(self, interval: float) -> float:
-        """Part of the switches at which it is zero within two samples, of those it is known at."""
-        known = ~np.isnan(self.misses)
-        return float(np.mean(np.abs(self.misses[known]) <= SETTINGS.near * interval))
+        """Part of the switches that it explains, of those it is known at."""
+        return float(self.explains(interval)[~np.isnan(self.misses)].mean())
 
     def tells(self, interval: float) -> bool:
         """True if it explains nearly all switches."""

@@ -163,14 +163,14 @@ def guards_of_surface(
     ends, guards = np.cumsum([len(one.columns) for one in parts]), []
     for sign, last, part in zip(signs, ends, parts, strict=True):
         rows = slice(last - len(part.columns), last)
-        turned = found.turned(sign, partial(_signed_misses, sign, rows))
+        turned = found.turned(sign, partial(_of_way, sign, rows))
         guards.append(replace(turned, n_shared=int(ends[-1]) - len(part.columns)))
     return guards
 
 
-def _signed_misses(sign: float, rows: slice, one: FoundGuard) -> Array:
-    """Of one way across a surface."""
-    return np.asarray(sign * one.misses[rows])
+def _of_way(sign: float, rows: slice, one: FoundGuard) -> FoundGuard:
+    """With the misses of one way across a surface."""
+    return replace(one, misses=sign * one.misses[rows], sure=np.asarray(one.sure)[rows])
 
 
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
@@ -189,8 +189,9 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     price = basis.price(len(seen), int((~seen).sum()), solved.random, chance=solved.chance)
     errors = basis.errors(solved.coef, solved.covariance)
     found = FoundGuard(
-        basis.guard(solved.coef), solved.cost + price, misses, some, errors, solved.beyond
-    )
+        basis.guard(solved.coef), solved.cost + price, misses, some, errors, solved.beyond,
+        sure=crossed.errors,
+    )  # fmt: skip
     return _with_margin(found, own, solved, degree) if (own.ramps > 0.0).all() else found
 
 

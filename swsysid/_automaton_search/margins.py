@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,8 +127,8 @@ def surface_with_margin(
     if found is None or found.cost > most:
         return None
     return (
-        found.turned(1.0, lambda one: missed(one.guard, there.reached)),
-        found.turned(-1.0, lambda one: missed(one.guard, back.reached)),
+        found.turned(1.0, lambda one: replace(one, misses=missed(one.guard, there.reached))),
+        found.turned(-1.0, lambda one: replace(one, misses=missed(one.guard, back.reached))),
     )
 
 

@@ -86,7 +86,7 @@ def _judged_by_rollouts(told: Told, free: FreeRollouts, joint: Joint, interval: 
     for number, one in enumerate(told.transitions):
         own = missed[joint.after.nodes.transitions == number]
         if one.guard is not None and len(own):
-            rolled = replace(one.guard, misses=own)
+            rolled = replace(one.guard, misses=own, sure=0.0)
             if rolled.explained(interval) > one.guard.explained(interval):
                 one = replace(one, guard=rolled)
         judged.append(one)
@@ -185,11 +185,9 @@ def _told(one: Settled, interval: float) -> NDArray[np.bool_]:
     """Switches that a guard explains: others are instants like any."""
     if one.guard is None:
         return np.zeros(len(one.switches), dtype=bool)
-    sure = np.maximum(one.switches.errors, one.guard.usual_miss)
-    near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * sure)
     # what is refined is the first condition
     first = True if one.guard.last is None else one.guard.last == 0
-    return np.asarray((np.abs(one.guard.misses) <= near) & first & _is_told_by_instants(one))
+    return np.asarray(one.guard.explains(interval) & first & _is_told_by_instants(one))
 
 
 def _is_told_by_instants(one: Settled) -> bool:

@@ -196,7 +196,7 @@ def _by_instants(guard: FoundGuard, switches: Switches, context: GuardContext) -
     first, *also = (replace(told[k], rivals=()) for k in order)
     whole = replace(first, also=tuple(also), cost=cost)
     misses, last = missed_by_all(whole, columns, rates)
-    return replace(whole, misses=misses, last=last)
+    return replace(whole, misses=misses, last=last, sure=switches.errors)
 
 
 def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settled]:
