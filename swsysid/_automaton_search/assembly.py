@@ -34,9 +34,10 @@ class TransitionVerdict:
     support : int
         Switches of the recordings.
     explained : float
-        Part of them at which the guard is zero within two samples, of those that it is known at:
-        a clock is not where a recording begins. After a joint refinement, the part that free
-        rollouts take within two samples, where that is more.
+        Part of them at which the guard is zero within two samples, or three standard errors of the
+        instant where the laws tell it no better, of those that it is known at: a clock is not where
+        a recording begins. After a joint refinement, the part that free rollouts take within two
+        samples, where that is more.
     miss : float
         Root mean square of the time by which it is not, in the unit of time.
     margin : float

@@ -1,9 +1,10 @@
-r"""What must hold besides where a guard rises: guards of two conditions.
+r"""What must hold besides where a guard rises: guards of several conditions.
 
-Of a guard :math:`\min(f, g)` each row at which the transition is not taken has one of both below
-zero, and both are not below zero where it is taken. Given which of them it is, each is a margin
-program of its own (`margins`); given both, it is the one that is further below. The two are taken
-in turn, from the two thresholds of single columns that leave the fewest rows.
+Of a guard :math:`\min(f, g, \dots)` each row at which the transition is not taken has one of them
+below zero, and none is below zero where it is taken. Given which of them it is, each is a margin
+program of its own (`margins`); given all, it is the one that is furthest below. The two are taken
+in turn, from thresholds of single columns that leave the fewest rows: of two, and of one more as
+long as a guard of more conditions leaves less unsaid.
 
 Rows at which a transition is not taken are those of its mode, and those at which the mode was left
 for another one: where two exits share a surface, a second condition tells which is taken. A second
@@ -15,18 +16,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.transitions import Guard, PolynomialGuard
-from swsysid._automaton_search.few_columns import known, of_exits
+from swsysid._automaton_search.few_columns import known, of_exits, without_clocks
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.margins import Sides, guard_with_margin
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
 _TURNS = 4
+
+Ways = tuple[FoundGuard, ...]  # any of which may rise
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,26 @@ class Exits:
     lengths: NDArray[np.intp]  # (n_stays,): rows of each
     targets: NDArray[np.intp]  # (n_stays,)
 
+    @classmethod
+    def of(
+        cls,
+        rows: Array,
+        stays: NDArray[np.intp],
+        left: NDArray[np.intp],
+        reached: Array,
+        targets: NDArray[np.intp],
+    ) -> Exits:
+        """Those of rows with the numbers of their stays, and of the stays that are left.
+
+        Each of these with the row at which it is; one without rows of its own is none.
+        """
+        numbers, lengths = np.unique(stays, return_counts=True)
+        own = np.isin(left, numbers)
+        which, every = np.searchsorted(numbers, left[own]), np.full(len(numbers), -1)
+        every[which] = targets[own]
+        rows = np.insert(rows, np.cumsum(lengths)[which], reached[own], axis=0)
+        return cls(rows, lengths + (every >= 0), every)
+
     @cached_property
     def last(self) -> NDArray[np.intp]:
         """The last row of each stay."""
@@ -52,31 +76,39 @@ class Exits:
         ends[self.last[(self.targets != target) & (self.targets >= 0)]] = True
         return self.rows[~taken], ends[~taken], self.rows[taken]
 
-    def missed(self, guard: Guard, target: int) -> tuple[int, int]:
-        """How many stays a guard ends wrongly, and how many at the exit of another transition.
+    def numbers(self, target: int) -> NDArray[np.intp]:
+        """Of the stays, at the rows where a transition is not taken."""
+        numbers = np.repeat(np.arange(len(self.lengths)), self.lengths)
+        return np.delete(numbers, self.last[self.targets == target])
 
-        Wrong is an own stay not ended to a row, and another one ended before its last row.
+    def missed(self, target: int, *ways: FoundGuard) -> tuple[int, int]:
+        """How many stays guards end wrongly, and how many at the exit of another transition.
+
+        Wrong is an own stay not ended to a row, and another one ended before its last row. Of
+        several guards the first one that holds ends a stay.
         """
         places = np.arange(len(self.rows))
-        risen = np.where(holds(guard, self.rows), places, len(places))
+        held = np.any([holds(one.whole, self.rows) for one in ways], axis=0)
+        risen = np.where(held, places, len(places))
         first = np.minimum.reduceat(risen, self.last - self.lengths + 1)
         own = self.targets == target
         before, after = first < self.last - own, first > self.last
         wrong, at_end = before | (own & after), (first == self.last) & ~own
         return int(wrong.sum()), int((at_end & (self.targets >= 0)).sum())
 
-    def nats(self, guard: Guard, target: int) -> float:
-        """What a guard leaves unsaid, and its coefficients, each of which may say as much.
+    def nats(self, target: int, *ways: FoundGuard) -> float:
+        """What guards leave unsaid, and their coefficients, each of which may say as much.
 
-        An end that it does not tell costs what one at random does; of stays that another transition
+        An end that they do not tell costs what one at random does; of stays that another transition
         ends, it is open which.
         """
-        coefficients = sum(np.count_nonzero(one.coef) - 1 for one in guard.conditions)
-        return self.nats_of_known(guard, target) + self._random * coefficients
+        conditions = [one for own in ways for one in own.whole.conditions]
+        coefficients = sum(np.count_nonzero(one.coef) - 1 for one in conditions)
+        return self.nats_of_known(target, *ways) + self._random * coefficients
 
-    def nats_of_known(self, guard: Guard, target: int) -> float:
-        """The same of a guard that is known from other switches."""
-        wrong, taken = self.missed(guard, target)
+    def nats_of_known(self, target: int, *ways: FoundGuard) -> float:
+        """The same of guards that are known from other switches."""
+        wrong, taken = self.missed(target, *ways)
         exits = int(np.count_nonzero(self.targets >= 0))
         return self._random * wrong + of_exits(taken, exits)
 
@@ -85,64 +117,131 @@ class Exits:
         return float(np.log(self.lengths.mean()))
 
 
-def with_second(found: FoundGuard, exits: Exits, target: int, degree: int) -> FoundGuard:
-    """The guard, or one of two conditions that leaves less unsaid, where it does not tell."""
+def ways_of(found: FoundGuard, exits: Exits, target: int, degree: int) -> Ways:
+    """The guard, or what leaves less unsaid where it does not tell.
+
+    That is one of several conditions, or several guards any of which may rise: a mode that is left
+    through the faces of a box stays inside as one that is entered through them stays outside.
+    """
+    best: Ways = (found,)
     if target not in exits.targets:  # no row of such a stay follows a law
-        return found
+        return best
     never, ends, reached = exits.sides(target)
-    missed = sum(exits.missed(found.guard, target)) / len(exits.targets)
-    if missed <= 1.0 - SETTINGS.told_by_guard:
-        return found
-    best, least = found, exits.nats(found.guard, target) - _of_side(never) - SETTINGS.better
+    wrong = sum(exits.missed(target, found))
+    if wrong <= (1.0 - SETTINGS.told_by_guard) * len(exits.targets):
+        return best
+    least = exits.nats(target, found) - _of_side(never) - SETTINGS.better
     # switches far below the guard may be none of it, and then say nothing of what holds besides
     near = reached[~(found.guard.values(reached) < -SETTINGS.near)]
-    for own in (near, reached) if 0 < len(near) < len(reached) else (reached,):
-        before = np.inf
-        for both in _of_two(never, ends, own, degree):
-            nats = exits.nats(both.whole, target)
-            if nats < least and holds(both.whole, own).any():
-                best, least = both, nats
-            if nats >= before:
-                break
-            before = nats
+    switches = (near, reached) if 0 < len(near) < len(reached) else (reached,)
+    # clocks are asked where states do not tell
+    for seen in (without_clocks(never), never):
+        starts = []
+        for own in switches:
+            two, several = _corners(seen, exits.numbers(target), own)
+            some = [two, several] if several.cost < min(wrong, two.cost) else [two]
+            starts += [(one.cost, _all_of(one.by, seen, ends, own, degree)) for one in some]
+        faces = _corners(reached, np.arange(len(reached)), seen)[1]
+        if seen is not never and faces.cost < wrong:
+            starts.append((faces.cost, _any_of(faces.by, seen, reached, degree)))
+        for _, turns in sorted(starts, key=lambda one: one[0]):
+            before, is_own = np.inf, False
+            for told in turns:
+                nats = exits.nats(target, *told)
+                if nats > before:
+                    break
+                # later turns leave as little by wider margins
+                if is_own or nats < least:
+                    best, least, is_own = told, nats, True
+                before = nats
+            if not exits.missed(target, *best)[0]:
+                return best
+        if best[0] is not found:
+            break
     return best
 
 
-def _of_two(
-    never: Array, ends: NDArray[np.bool_], reached: Array, degree: int
-) -> Iterator[FoundGuard]:
-    """Guards of two conditions, each told by the rows that the other one leaves, in turns."""
-    left = _corner(never, reached)
+def _all_of(
+    by: NDArray[np.intp], never: Array, ends: NDArray[np.bool_], reached: Array, degree: int
+) -> Iterator[Ways]:
+    """Guards of several conditions, each told by the rows that the others leave, in turns.
+
+    `by` is the condition that each row at which the transition is not taken is left to at first.
+    """
+    numbers = range(by.max() + 1)
     for _ in range(_TURNS):
-        if not left.any() or left.all():
-            break
-        first = told_apart(never[~left], reached, degree)
-        # a row of another exit that the first condition tells may be one that the second does too
-        tried = (left | ends, left) if (ends & ~left).any() else (left,)
-        seconds = [told_apart(never[own], reached, degree) for own in tried]
-        second = min((one for one in seconds if one), key=lambda one: one.cost, default=None)
-        if first is None or second is None:
-            break
-        yield replace(first, also=(second,))
-        of_both = [_scaled(one.guard, never, reached) for one in (first, second)]
-        before, left = left, of_both[1] < of_both[0]
-        if np.array_equal(before, left):
-            break
+        conditions = []
+        for number in numbers:
+            own = by == number
+            # a row of another exit that the first condition tells may be one of the others' too
+            tried = (own | ends, own) if number and (ends & ~own).any() else (own,)
+            told = [told_apart(never[some], reached, degree) for some in tried if some.any()]
+            one = min((one for one in told if one), key=lambda one: one.cost, default=None)
+            if one is None or not own.any():
+                return
+            conditions.append(one)
+        misses = np.max([one.misses for one in conditions], axis=0)
+        whole = replace(conditions[0], misses=misses, also=tuple(conditions[1:]))
+        if not holds(whole.whole, reached).any():
+            return
+        yield (whole,)
+        values = [_scaled(one.guard, never, reached) for one in conditions]
+        before, by = by, np.argmin(values, axis=0)
+        if np.array_equal(before, by):
+            return
 
 
-def _corner(never: Array, reached: Array) -> NDArray[np.bool_]:
-    """Rows that the first of the two thresholds leaves which leave the fewest rows together.
+def _any_of(by: NDArray[np.intp], never: Array, reached: Array, degree: int) -> Iterator[Ways]:
+    """Several guards, each told by its own of the rows at which the transition is taken, in turns.
 
-    Each is the least value of a column, or of minus it, where the transition is taken.
+    `by` is the guard that each of these is left to at first.
+    """
+    for _ in range(_TURNS):
+        told = [told_apart(never, reached[by == number], degree) for number in np.unique(by)]
+        ways = tuple(one for one in told if one is not None)
+        if not 1 < len(ways) == len(told):
+            return
+        yield ways
+        before, by = by, taken_by(ways, reached)
+        if np.array_equal(before, by):
+            return
+
+
+def taken_by(ways: Ways, reached: Array) -> NDArray[np.intp]:
+    """Of several guards any of which may rise, the one that has risen by the most."""
+    return np.argmax([_scaled(one.guard, reached, reached) for one in ways], axis=0)
+
+
+class _Corner(NamedTuple):
+    """Thresholds, each the least value of a column, or of minus it, at some rows."""
+
+    cost: int  # how many there are, and stays of which a row is beyond all
+    by: NDArray[np.intp]  # by which of them each other row is left out, the last if by none
+
+
+def _corners(never: Array, stays: NDArray[np.intp], reached: Array) -> tuple[_Corner, _Corner]:
+    """Of two thresholds, and of as many as cost the least.
+
+    The first two leave the fewest rows together, each further one the fewest of these. As a
+    coefficient, one costs as much as a stay of which a row is left.
     """
     signed, values = (np.hstack([rows, -rows]) for rows in (never, reached))
-    known_columns = np.isfinite(values).all(axis=0)
+    known_columns = np.isfinite(signed).any(axis=0) & np.isfinite(values).all(axis=0)
     holds_each = signed[:, known_columns] >= values[:, known_columns].min(axis=0)
     together = holds_each.T.astype(float) @ holds_each
-    first, second = np.unravel_index(np.argmin(together), together.shape)
+    pair = np.unravel_index(np.argmin(together), together.shape)
     # the first is the one that leaves fewer rows by itself
-    first, second = sorted((first, second), key=lambda one: together[one, one])
-    return np.asarray(holds_each[:, first])
+    chosen, corners = sorted(map(int, pair), key=lambda one: together[one, one]), []
+    while True:
+        left = holds_each[:, chosen]
+        inside = left.all(axis=1)
+        cost = len(chosen) + len(np.unique(stays[inside]))
+        corners.append(_Corner(cost, np.where(inside, len(chosen) - 1, left.argmin(axis=1))))
+        counts = holds_each[inside].sum(axis=0)
+        if counts.min() == np.count_nonzero(inside):
+            break
+        chosen.append(int(counts.argmin()))
+    return corners[0], min(corners, key=lambda one: one.cost)
 
 
 def with_teller(found: FoundGuard, never: Array, reached: Array, degree: int) -> FoundGuard:

@@ -45,12 +45,7 @@ from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.found import FoundTransition, Told
 from swsysid._automaton_search.guards import share_risen
 from swsysid._automaton_search.instants import Settled
-from swsysid._automaton_search.judged import (
-    Guards,
-    by_rollouts,
-    judged,
-    switches_by_recording,
-)
+from swsysid._automaton_search.judged import Guards, by_rollouts, judged, switches_by_recording
 from swsysid._automaton_search.jumps import jumps_of, without_impacts
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
@@ -335,9 +330,11 @@ def _shared_exits(
     if any(one.asked_at_samples for one in found):
         yield ASKED_AT_SAMPLES
     interval, laws = stays.estimate.nodes.recordings.interval, stays.estimate.laws
-    crossed = {
-        one.pair: (*one.switches.before(laws), one.switches.reach(interval)) for one in found
-    }
+    crossed: dict[tuple[int, int], tuple[Array, ...]] = {}
+    for one in found:
+        own = (*one.switches.before(laws), one.switches.reach(interval))
+        others = crossed.get(one.pair, tuple(part[:0] for part in own))
+        crossed[one.pair] = tuple(map(np.concatenate, zip(others, own, strict=True)))
 
     def rises(one: FoundTransition, other: FoundTransition) -> float:
         assert one.guard is not None, "only guards are compared"

@@ -74,11 +74,10 @@ class Crossed:
         turned = sign * self.rates, sign * self.beside_rates, sign * self.signs
         return replace(self, rates=turned[0], beside_rates=turned[1], signs=turned[2])
 
-    def without_samples(self) -> Crossed:
-        """The same without the samples of the mode, where it is below zero."""
-        own = self.signs > 0.0
-        beside, rates = self.beside[own], self.beside_rates[own]
-        signs, shares, stays = self.signs[own], self.shares[own], self.stays[own]
+    def beside_at(self, own: NDArray[np.bool_]) -> Crossed:
+        """The same with some of the samples where it is not zero."""
+        parts = self.beside, self.beside_rates, self.signs, self.shares, self.stays
+        beside, rates, signs, shares, stays = (part[own] for part in parts)
         told = replace(self, beside=beside, beside_rates=rates, signs=signs, shares=shares)
         return replace(told, stays=stays)
 

@@ -160,7 +160,7 @@ def shared_exits(
         return any((on.source, on.target) == way and rises(on, other) > 0.5 for on in told)
 
     for one, other in combinations(told, 2):
-        if one.source != other.source:
+        if one.source != other.source or one.target == other.target:
             continue
         asked = sorted((one, other), key=lambda way: way.rank)
         both = [asked] if one.rank != other.rank else [asked, asked[::-1]]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swsysid._automaton.equations import asked_text, guard_terms, relation
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.transitions import AffineReset, PolynomialGuard
-from swsysid._automaton_search.found import FoundTransition
+from swsysid._automaton_search.found import FoundTransition, place_of
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._rendering.printing import (
     between,
@@ -40,10 +40,9 @@ class AutomatonErrors:
         order: NDArray[np.intp],
     ) -> AutomatonErrors:
         """Those of what was found part by part; `coef` has the modes as they were found."""
-        places = {(one.source, one.target): one for one in found}
         guards, resets = [], []
         for one in automaton.transitions:
-            own = places[int(order[one.source]), int(order[one.target])]
+            own = found[place_of(one, found, order)]
             assert own.guard is not None, "a transition of the automaton has a guard"
             guards.append(own.guard.all_errors)
             resets.append(None if one.reset is None or own.reset is None else own.reset.errors)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from swsysid._automaton.transitions import AffineReset, Guard, PolynomialGuard, guard_of
+from swsysid._automaton.transitions import AffineReset, Guard, PolynomialGuard, Transition, guard_of
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._results import Array
 
@@ -27,8 +27,11 @@ class FoundGuard:
     beyond: int = 0  # samples of its mode that lie on the wrong side
     rivals: tuple[FoundGuard, ...] = ()  # of other columns, that tell the same switches
     also: tuple[FoundGuard, ...] = ()  # conditions that hold besides where it rises
+    # (n_switches,): number of the condition that rises there, the last; of one it is the first
+    last: NDArray[np.intp] | None = None
     is_lent: bool = False  # by other transitions, whose switches tell it
     n_shared: int = 0  # switches of others, which cross the same surface
+    sure: Array | float = 0.0  # (n_switches,): standard errors of the instants
 
     @property
     def whole(self) -> Guard:
@@ -45,12 +48,11 @@ class FoundGuard:
         """Standard errors of the coefficients of all conditions."""
         return np.concatenate([self.errors, *(one.errors for one in self.also)])
 
-    def turned(self, sign: float, missed: Callable[[FoundGuard], Array]) -> FoundGuard:
+    def turned(self, sign: float, of_way: Callable[[FoundGuard], FoundGuard]) -> FoundGuard:
         """That of one way, of a surface that is crossed both ways; so are its rivals."""
         guard = PolynomialGuard(sign * self.guard.coef, self.guard.powers)
-        rivals = tuple(one.turned(sign, missed) for one in self.rivals)
-        own = replace(self, guard=guard, rivals=rivals)
-        return replace(own, misses=missed(own))
+        rivals = tuple(one.turned(sign, of_way) for one in self.rivals)
+        return of_way(replace(self, guard=guard, rivals=rivals))
 
     def in_time(self, interval: float) -> FoundGuard:
         """The same of misses that are counted in intervals."""
@@ -95,10 +97,14 @@ class FoundGuard:
         """Root mean square of the misses."""
         return float(np.sqrt(np.nanmean(np.square(self.misses))))
 
+    def explains(self, interval: float) -> NDArray[np.bool_]:
+        """Switches at which it is zero within two samples, or as the errors of instants allow."""
+        near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * self.sure)
+        return np.asarray(np.abs(self.misses) <= near)
+
     def explained(self, interval: float) -> float:
-        """Part of the switches at which it is zero within two samples, of those it is known at."""
-        known = ~np.isnan(self.misses)
-        return float(np.mean(np.abs(self.misses[known]) <= SETTINGS.near * interval))
+        """Part of the switches that it explains, of those it is known at."""
+        return float(self.explains(interval)[~np.isnan(self.misses)].mean())
 
     def tells(self, interval: float) -> bool:
         """True if it explains nearly all switches."""
@@ -120,6 +126,10 @@ class FoundReset:
     cost: float  # the sum over the components of what `resets` minimises
     # (n_states, 1 + n_states): standard errors of offset and matrix, zero where they are fixed
     errors: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def take(self, rows: NDArray[np.bool_]) -> FoundReset:
+        """That of some of the switches."""
+        return replace(self, left=self.left[rows])
 
     @property
     def sizes(self) -> Array:
@@ -144,6 +154,12 @@ class FoundTransition:
     def __len__(self) -> int:
         return len(self.times)
 
+    def take(self, rows: NDArray[np.bool_], guard: FoundGuard) -> FoundTransition:
+        """Some of its switches, with a guard of their own."""
+        recording, times = self.recording[rows], self.times[rows]
+        reset = None if self.reset is None else self.reset.take(rows)
+        return replace(self, recording=recording, times=times, guard=guard, reset=reset)
+
     @property
     def is_one(self) -> bool:
         """True if something changes: the mode, or the state."""
@@ -153,6 +169,22 @@ class FoundTransition:
     def jumps(self) -> bool:
         """True if the state does not go on."""
         return self.reset is not None and bool(self.reset.changed.any())
+
+
+def place_of(
+    transition: Transition, found: Sequence[FoundTransition], order: NDArray[np.intp]
+) -> int:
+    """Number of the one that a transition of an automaton was made of.
+
+    It is that between the modes found as its own, of which there may be several, with its guard.
+    """
+    pair = order[transition.source], order[transition.target]
+    first = transition.guard.conditions[0]
+    return next(
+        k
+        for k, one in enumerate(found)
+        if (one.source, one.target) == pair and one.guard and one.guard.guard is first
+    )
 
 
 @dataclass(frozen=True)

@@ -93,6 +93,15 @@ def missed_by(guard: PolynomialGuard, columns: Array, rates: Array) -> Array:
     return np.asarray(guard.values(columns) / _rises(guard, columns, rates)[1])
 
 
+def missed_by_all(
+    guard: FoundGuard, columns: Array, rates: Array
+) -> tuple[Array, NDArray[np.intp]]:
+    """The same of a guard of several conditions, and which of them is the last to rise."""
+    times = np.array([missed_by(one, columns, rates) for one in guard.whole.conditions])
+    last = times.argmin(axis=0)
+    return times[last, np.arange(len(columns))], last
+
+
 def where_it_rises(guard: FoundGuard, columns: Array, rates: Array) -> Array:
     """Columns moved along their rates to where the guard is zero: there its conditions are judged.
 
@@ -154,14 +163,14 @@ def guards_of_surface(
     ends, guards = np.cumsum([len(one.columns) for one in parts]), []
     for sign, last, part in zip(signs, ends, parts, strict=True):
         rows = slice(last - len(part.columns), last)
-        turned = found.turned(sign, partial(_signed_misses, sign, rows))
+        turned = found.turned(sign, partial(_of_way, sign, rows))
         guards.append(replace(turned, n_shared=int(ends[-1]) - len(part.columns)))
     return guards
 
 
-def _signed_misses(sign: float, rows: slice, one: FoundGuard) -> Array:
-    """Of one way across a surface."""
-    return np.asarray(sign * one.misses[rows])
+def _of_way(sign: float, rows: slice, one: FoundGuard) -> FoundGuard:
+    """With the misses of one way across a surface."""
+    return replace(one, misses=sign * one.misses[rows], sure=np.asarray(one.sure)[rows])
 
 
 def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGuard | None:
@@ -180,8 +189,9 @@ def _guard_of(crossed: Crossed, some: NDArray[np.intp], degree: int) -> FoundGua
     price = basis.price(len(seen), int((~seen).sum()), solved.random, chance=solved.chance)
     errors = basis.errors(solved.coef, solved.covariance)
     found = FoundGuard(
-        basis.guard(solved.coef), solved.cost + price, misses, some, errors, solved.beyond
-    )
+        basis.guard(solved.coef), solved.cost + price, misses, some, errors, solved.beyond,
+        sure=crossed.errors,
+    )  # fmt: skip
     return _with_margin(found, own, solved, degree) if (own.ramps > 0.0).all() else found
 
 

@@ -9,12 +9,14 @@ that may go on do so, and every choice of these is tried.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton_search.conditions import Exits
 from swsysid._automaton_search.crossed import Crossed, GuardTerms
 from swsysid._automaton_search.found import FoundGuard, FoundReset, FoundTransition
 from swsysid._automaton_search.guards import Solved, best_guard, blurred_by
@@ -87,6 +89,36 @@ class GuardContext:
         found = guard_with_margin(sides, self.terms.degree)
         return None if found is None else found.in_time(interval)
 
+    def exits(self, source: int, found: Sequence[Settled]) -> Exits:
+        """The stays in a mode, without samples that may be before or after them.
+
+        And the states at which they are left.
+        """
+        visits, inside = self.visits, self.visits.modes == source
+        blurred = np.zeros((2, visits.stays.max(initial=0) + 2))  # where stays end and begin
+        for one in found:
+            blurred[:, one.switches.stay] = self._later(one)
+        ends, begins = blurred[0, visits.stays], blurred[1, visits.stays - 1]
+        inside &= (visits.left > ends) & ~(visits.columns[:, -2] < begins)
+        ways = [one for one in found if one.pair[0] == source]
+        left = np.concatenate([one.switches.stay for one in ways])
+        targets = np.concatenate([one.switches.target for one in ways])
+        reached = np.vstack([self.reached(one) for one in ways])
+        rows = self.terms.seen(visits.columns)
+        return Exits.of(rows[inside], visits.stays[inside], left, reached, targets)
+
+    def reached(self, way: Settled) -> Array:
+        """Columns at which its guard has surely risen; at samples where it is asked there."""
+        after = 0.0 if way.asked_at_samples else self._later(way)
+        later = replace(way.switches, times=way.switches.times + after)
+        return self.terms.seen(later.before(self.laws)[0])
+
+    def _later(self, way: Settled) -> Array | float:
+        """Times after its instants at which these have surely been, no less than half a sample."""
+        half = 0.5 * self.interval
+        sure = SETTINGS.far_miss * way.switches.errors
+        return half if way.asked_at_samples else np.maximum(half, sure)
+
     @property
     def errors(self) -> Array:
         """What a state at the end of a stay is off by, about."""
@@ -108,6 +140,11 @@ class Settled:
     def pair(self) -> tuple[int, int]:
         """Source and target."""
         return int(self.switches.source[0]), int(self.switches.target[0])
+
+    def take(self, rows: NDArray[np.bool_], guard: FoundGuard) -> Settled:
+        """Some of its switches, with a guard of their own."""
+        reset = None if self.reset is None else self.reset.take(rows)
+        return replace(self, switches=self.switches.take(rows), guard=guard, reset=reset)
 
     @property
     def transition(self) -> FoundTransition:

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,8 +127,8 @@ def surface_with_margin(
     if found is None or found.cost > most:
         return None
     return (
-        found.turned(1.0, lambda one: _missed(one.guard, there.reached)),
-        found.turned(-1.0, lambda one: _missed(one.guard, back.reached)),
+        found.turned(1.0, lambda one: replace(one, misses=missed(one.guard, there.reached))),
+        found.turned(-1.0, lambda one: replace(one, misses=missed(one.guard, back.reached))),
     )
 
 
@@ -143,11 +143,12 @@ def _stated(guard: PolynomialGuard, sides: Sides) -> FoundGuard | None:
         return None
     scaled = PolynomialGuard(guard.coef / rising, guard.powers)
     cost = sides.nats(scaled.values(sides.below), scaled.values(sides.above))
-    misses = _missed(scaled, sides.reached)
+    misses = missed(scaled, sides.reached)
     return FoundGuard(scaled, cost, misses, used, *_between(scaled, sides))
 
 
-def _missed(guard: PolynomialGuard, reached: Array) -> Array:
+def missed(guard: PolynomialGuard, reached: Array) -> Array:
+    """By what a guard is below zero where it is taken."""
     return np.maximum(0.0, -guard.values(reached))
 
 

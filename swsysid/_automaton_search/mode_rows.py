@@ -18,8 +18,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from swsysid._automaton.columns import CLOCKS
+from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.conditions import Exits
 from swsysid._automaton_search.found import FoundTransition
+from swsysid._automaton_search.settings import SETTINGS
 from swsysid._discrete_stays.identify import DiscreteStays
 from swsysid._results import Array
 from swsysid._stays.given import Given
@@ -182,6 +185,20 @@ class ModeRows:
         some = own & self.stays.straddling[before]
         return np.where(some[:, :, None], left, 0.0).reshape(len(before), -1)
 
+    def agreements(self, pair: tuple[int, int], degree: int) -> list[PolynomialGuard]:
+        """Surfaces of no higher degree at which two laws agree in a state, of polynomial laws."""
+        feature_map, coef = self.stays.feature_map, self.stays.coef
+        if feature_map.powers is None or pair[0] == pair[1]:
+            return []
+        apart, surfaces = coef[pair[1]] - coef[pair[0]], []
+        sizes = np.abs(apart) * np.where(feature_map.sizes > 0.0, feature_map.sizes, 1.0)
+        for own, size in zip(apart, sizes, strict=True):
+            kept = size > SETTINGS.exact * size.max()
+            if kept.any() and feature_map.powers[kept].sum(axis=1).max() <= degree:
+                wide = np.pad(feature_map.powers[kept], ((0, 0), (0, len(CLOCKS))))
+                surfaces.append(PolynomialGuard(own[kept], wide.astype(np.intp)))
+        return surfaces
+
     def inside(self, mode: int) -> Array:
         """Columns at the rows of a mode."""
         return self.columns[(self.modes == mode) & ~self.stays.straddling]
@@ -190,16 +207,10 @@ class ModeRows:
         """The stays in a mode, with the row at which each is left."""
         inside = (self.modes == mode) & ~self.stays.straddling
         number = np.cumsum(self._entered | self.stays.rows.begins)
-        stays, lengths = np.unique(number[inside], return_counts=True)
-        left = np.isin(
-            number[self.taken.rows - 1], stays
-        )  # the others are of no row that is inside
-        which = np.searchsorted(stays, number[self.taken.rows - 1][left])
-        ends = np.cumsum(lengths)
-        rows = np.insert(self.columns[inside], ends[which], self.taken.given[left], axis=0)
-        targets = np.full(len(stays), -1, dtype=np.intp)
-        targets[which] = self.taken.target[left]
-        return Exits(rows, lengths + (targets >= 0), targets)
+        left = number[self.taken.rows - 1]
+        return Exits.of(
+            self.columns[inside], number[inside], left, self.taken.given, self.taken.target
+        )
 
     def with_ends(
         self, found: Sequence[FoundTransition]

@@ -66,7 +66,7 @@ def _surface_of(
     for (source, target), sign in ways.items():
         part = context.crossed(told[source, target].switches)
         # the samples of a mode count once
-        parts.append((part.without_samples() if source in sampled else part).turned(sign))
+        parts.append((part.beside_at(part.signs > 0.0) if source in sampled else part).turned(sign))
         sampled.add(source)
     signs, degree = list(ways.values()), context.terms.degree
     guards = guards_of_surface(parts, signs, degree, context.solved)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from swsysid._automaton_search.assembly import Assembled, assembled
 from swsysid._automaton_search.cutting import by_samples
 from swsysid._automaton_search.elsewhere import slopes_from
-from swsysid._automaton_search.found import Told
-from swsysid._automaton_search.guards import met, missed_by
+from swsysid._automaton_search.found import Told, place_of
+from swsysid._automaton_search.guards import met, missed_by_all
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.joint import Joint, JointEstimate, jointly
 from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollouts
@@ -74,7 +74,7 @@ def refined(
         joint.value_after,
         rolled_before,
         rolled_after,
-        *_errors(joint, after, found, origin),
+        *_errors(joint, after, told, found, origin),
     )
 
 
@@ -88,7 +88,7 @@ def _judged_by_rollouts(told: Told, free: FreeRollouts, joint: Joint, interval: 
     for number, one in enumerate(told.transitions):
         own = missed[joint.after.nodes.transitions == number]
         if one.guard is not None and len(own):
-            rolled = replace(one.guard, misses=own)
+            rolled = replace(one.guard, misses=own, sure=0.0)
             if rolled.explained(interval) > one.guard.explained(interval):
                 one = replace(one, guard=rolled)
         judged.append(one)
@@ -96,7 +96,7 @@ def _judged_by_rollouts(told: Told, free: FreeRollouts, joint: Joint, interval: 
 
 
 def _errors(
-    joint: Joint, after: Assembled, found: list[Settled], origin: Origin
+    joint: Joint, after: Assembled, told: Told, found: list[Settled], origin: Origin
 ) -> tuple[Array, tuple[Array, ...], tuple[Array | None, ...], Array]:
     """Standard errors in the order of the automaton's modes and transitions, and the covariance.
 
@@ -105,10 +105,9 @@ def _errors(
     """
     automaton, order = after.automaton, after.order
     laws, of_guards, of_resets = slopes_from(origin, joint, automaton.feature_map)
-    places = {(one.transition.source, one.transition.target): k for k, one in enumerate(found)}
     parts, further = [laws[:, order]], [np.zeros(0)]
     for one in automaton.transitions:
-        place = places[int(order[one.source]), int(order[one.target])]
+        place = place_of(one, told.transitions, order)
         slopes, own = of_guards[place], found[place].guard
         assert slopes is not None and own is not None, "a transition of the automaton has a guard"
         also = np.concatenate([np.zeros(0), *(part.errors for part in own.also)])
@@ -189,9 +188,9 @@ def _told(one: Settled, interval: float) -> NDArray[np.bool_]:
     """Switches that a guard explains: others are instants like any."""
     if one.guard is None:
         return np.zeros(len(one.switches), dtype=bool)
-    sure = np.maximum(one.switches.errors, one.guard.usual_miss)
-    near = np.maximum(SETTINGS.near * interval, SETTINGS.far_miss * sure)
-    return np.asarray((np.abs(one.guard.misses) <= near) & _is_told_by_instants(one))
+    # what is refined is the first condition
+    first = True if one.guard.last is None else one.guard.last == 0
+    return np.asarray(one.guard.explains(interval) & first & _is_told_by_instants(one))
 
 
 def _is_told_by_instants(one: Settled) -> bool:
@@ -282,8 +281,9 @@ def told_jointly(
             assert own_guard is not None, "each of them has unknowns"
             # judged at the switches that the laws alone tell
             columns, rates = one.switches.before(stays.estimate.laws)
-            misses = missed_by(own_guard, columns, rates)
-            guard = met(replace(guard, guard=own_guard, misses=misses), columns, rates)
+            guard = replace(guard, guard=own_guard)
+            guard = replace(guard, misses=missed_by_all(guard, columns, rates)[0])
+            guard = met(guard, columns, rates)
         if reset is not None and one.transition.jumps:
             own_reset = estimate.resets.reset(number)
             assert own_reset is not None, "what jumps has unknowns"

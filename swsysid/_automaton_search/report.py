@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -127,8 +128,12 @@ class AutomatonReport:
             which = "all" if n_untold == n_switches else str(n_untold)
             head += f", {which} of them by what was not recorded"
         lived = ", ".join(f"mode {k} {share:.0%}" for k, share in enumerate(self.shares))
+        taken: Counter[tuple[int, int]] = Counter()
+        for one in self.verdicts:  # of the same modes there may be several
+            taken[one.source, one.target] += one.support
         switches = ", ".join(
-            f"{one.source} -> {one.target} {counted(one.support, 'time')}" for one in self.verdicts
+            f"{source} -> {target} {counted(count, 'time')}"
+            for (source, target), count in taken.items()
         )
         lines = [f"{head}.", *self.equations, f"Samples: {lived}."]
         if switches:

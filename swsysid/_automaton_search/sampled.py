@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.model import HybridAutomaton
 from swsysid._automaton.parts import FirstModes
 from swsysid._automaton.transitions import PolynomialGuard
@@ -20,7 +19,7 @@ from swsysid._automaton_search.assembly import (
     verdicts_of,
 )
 from swsysid._automaton_search.certificates import UNKNOWN, Certificate, certificate
-from swsysid._automaton_search.conditions import with_second
+from swsysid._automaton_search.conditions import Ways, ways_of
 from swsysid._automaton_search.doubts import shared_exits
 from swsysid._automaton_search.errors import AutomatonErrors
 from swsysid._automaton_search.found import FoundReset, FoundTransition
@@ -35,7 +34,7 @@ from swsysid._automaton_search.margins import Sides, guard_with_margin, surface_
 from swsysid._automaton_search.mode_rows import ModeRows, Taken
 from swsysid._automaton_search.resets import best_reset
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.ways_out import in_order, with_lent_guards
+from swsysid._automaton_search.ways_out import by_ways, in_order, with_lent_guards
 from swsysid._checks.parameters import whole
 from swsysid._discrete_stays.identify import (
     DiscreteCertainty,
@@ -165,7 +164,11 @@ class _Told:
         """All that is said of it."""
         made, sure, rows = self.made, self.sure, self.made.rows
         found, order, automaton, stays = made.found, made.order, made.automaton, rows.stays
-        jumps = sum(np.count_nonzero(rows.taken.jumped[_is_of(one, rows.taken)]) for one in found)
+        jumps = sum(
+            np.count_nonzero(rows.taken.jumped[_is_of(one, rows.taken)])
+            for one in found
+            if one.jumps
+        )
         certificates = [_certificate(one, rows) for one in found]
         return IdentifiedAutomaton(
             automaton,
@@ -271,7 +274,7 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
     # the most frequent first: what is seen seldom may share its guard with what is seen often
     for pair, own in sorted(taken.items(), key=lambda one: -len(one[1])):
         sides = Sides(rows.inside(pair[0]), own.given, own.last, own.given)
-        stated = [*_agreements(rows.stays, pair, degree), *known]
+        stated = [*rows.agreements(pair, degree), *known]
         guard = guard_with_margin(sides, degree, stated)
         known += [] if guard is None or guard.beyond else [guard.guard]
         found[pair] = FoundTransition(*pair, own.recording, own.times, guard, _reset(own, rows))
@@ -279,13 +282,21 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
         if i < j and (j, i) in found:
             both = found[i, j], found[j, i]
             found[i, j], found[j, i] = _of_one_surface(rows, taken, both, degree)
-    exits = {source: rows.exits(source) for source, _ in pairs}
+    exits, ways = {source: rows.exits(source) for source, _ in pairs}, dict[Pair, Ways]()
     for (source, target), one in found.items():
         if one.guard is not None and one.is_one:
-            guard = with_second(one.guard, exits[source], target, degree)
-            found[source, target] = replace(one, guard=guard)
+            ways[source, target] = ways_of(one.guard, exits[source], target, degree)
+            if len(ways[source, target]) == 1:
+                found[source, target] = replace(one, guard=ways[source, target][0])
     told = with_lent_guards(found, exits, taken, rows.inside, degree)
-    return in_order([one for one in told.values() if one.is_one], rows.taken)
+    every = []
+    for pair, one in told.items():
+        if one.is_one:
+            is_lent = one.guard is not None and one.guard.is_lent
+            # one law whose lags are made anew at several places is that of modes which lags see
+            one_law = pair[0] == pair[1] and pair in rows.whole
+            every += [one] if is_lent or one_law else by_ways(one, taken[pair], ways.get(pair, ()))
+    return in_order(every, rows.taken)
 
 
 def _certificate(one: FoundTransition, rows: ModeRows) -> Certificate:
@@ -293,7 +304,7 @@ def _certificate(one: FoundTransition, rows: ModeRows) -> Certificate:
     if one.guard is None:
         return UNKNOWN
     taken = rows.taken
-    own = taken.take((_pairs_of(taken) == (one.source, one.target)).all(axis=1))
+    own = taken.take(_is_of(one, taken))
     return certificate(one.guard.whole, rows.inside(one.source), own.last, own.given)
 
 
@@ -302,7 +313,10 @@ def _pairs_of(taken: Taken) -> NDArray[np.intp]:
 
 
 def _is_of(one: FoundTransition, taken: Taken) -> NDArray[np.bool_]:
-    return np.asarray((_pairs_of(taken) == (one.source, one.target)).all(axis=1) & one.jumps)
+    """Where it was taken: of the same modes there may be several."""
+    pair = (_pairs_of(taken) == (one.source, one.target)).all(axis=1)
+    same = np.equal.outer(taken.recording, one.recording) & np.equal.outer(taken.times, one.times)
+    return np.asarray(pair & same.any(axis=1))
 
 
 def _reset(taken: Taken, rows: ModeRows) -> FoundReset | None:
@@ -371,23 +385,7 @@ def _of_one_surface(
     )
     pair = both[0].source, both[0].target
     most = sum(one.guard.cost for one in both if one.guard)
-    surface = surface_with_margin(there, back, degree, most, _agreements(rows.stays, pair, degree))
+    surface = surface_with_margin(there, back, degree, most, rows.agreements(pair, degree))
     if surface is None:
         return both
     return replace(both[0], guard=surface[0]), replace(both[1], guard=surface[1])
-
-
-def _agreements(stays: DiscreteStays, pair: Pair, degree: int) -> Sequence[PolynomialGuard]:
-    """Surfaces of no higher degree at which two laws agree in a state, if laws are polynomials."""
-    powers = stays.feature_map.powers
-    if powers is None or pair[0] == pair[1]:
-        return []
-    apart = stays.coef[pair[1]] - stays.coef[pair[0]]
-    sizes = np.abs(apart) * np.where(stays.feature_map.sizes > 0.0, stays.feature_map.sizes, 1.0)
-    surfaces = []
-    for coef, size in zip(apart, sizes, strict=True):
-        kept = size > SETTINGS.exact * size.max()
-        if kept.any() and powers[kept].sum(axis=1).max() <= degree:
-            wide = np.pad(powers[kept], ((0, 0), (0, len(CLOCKS))))
-            surfaces.append(PolynomialGuard(coef[kept], wide.astype(np.intp)))
-    return surfaces

@@ -44,6 +44,7 @@ class Switches:
     slopes: Array  # (n_switches, n_inputs): of the inputs; of those that step, by interval
     piece: NDArray[np.intp]  # that begins after a jump, -1 where the state goes on
     in_steps: NDArray[np.bool_]  # told by the moment in which an input steps
+    stay: NDArray[np.intp]  # number of the one that it ends, as of `Visits`
 
     def __len__(self) -> int:
         return len(self.times)
@@ -135,6 +136,7 @@ def switches_of(
     columns = [padded[: len(t), k] for k, t in enumerate(recordings.times)]
     begins = [np.append(first, own.instants) for first, own in zip(began, stays, strict=True)]
     counts = [len(one.instants) for one in stays]
+    firsts = np.cumsum([0, *(count + 1 for count in counts)])
     own = np.repeat(np.arange(len(stays)), counts)
     instants = estimate.nodes.instants
     within = Switches(
@@ -151,6 +153,7 @@ def switches_of(
         done.rates[:, n_states:-2],
         np.full(len(own), -1),
         done.steps,
+        own + np.arange(len(own)),  # each course has one stay more than switches
     )
     later = np.flatnonzero(pieces.follows)
     known = np.array([
@@ -177,6 +180,7 @@ def switches_of(
         ((starts - ends) / np.where(duration > 0.0, duration, np.inf))[:, n_states:],
         later,
         np.zeros(len(later), dtype=bool),
+        firsts[later] - 1,
     )
     pairs = zip(vars(within).values(), vars(between).values(), strict=True)
     switches = Switches(*(np.concatenate(pair) for pair in pairs))

@@ -14,9 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._automaton.columns import CLOCKS
-from swsysid._automaton_search.conditions import with_teller
+from swsysid._automaton_search.conditions import (
+    Exits,
+    holds,
+    taken_by,
+    ways_of,
+    with_teller,
+)
 from swsysid._automaton_search.crossed import GuardTerms
-from swsysid._automaton_search.guards import missed_by, share_risen, where_it_rises
+from swsysid._automaton_search.found import FoundGuard
+from swsysid._automaton_search.guards import (
+    best_guard,
+    missed_by,
+    missed_by_all,
+    share_risen,
+    where_it_rises,
+)
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.one_surface import with_shared_surfaces
 from swsysid._automaton_search.settings import SETTINGS
@@ -131,7 +144,61 @@ def _with_tellers(found: list[Settled], context: GuardContext) -> list[Settled]:
                 never.append(where_it_rises(one.guard, columns, rates))
         guard = with_teller(one.guard, np.vstack(never), reached, context.terms.degree)
         told.append(replace(one, guard=guard))
-    return told
+    every = []
+    for one in told:
+        every += _with_conditions(one, context.exits(one.pair[0], told), context)
+    return every
+
+
+def _with_conditions(one: Settled, exits: Exits, context: GuardContext) -> list[Settled]:
+    """The transition with a guard of several conditions, or as several, where one does not tell."""
+    guard, target, degree = one.guard, one.pair[1], context.terms.degree
+    if guard is None:
+        return [one]
+    reached = context.reached(one)
+    ways = ways_of(guard, exits, target, degree)
+    if ways[0] is guard:
+        return [one]
+    by, told, cost = taken_by(ways, reached), [], 0.0
+    for number in np.unique(by):
+        own, way = by == number, ways[number]
+        missed = np.maximum(0.0, -way.whole.values(reached[own]))
+        way = replace(way, misses=context.interval * missed)
+        if not one.asked_at_samples:
+            way = _by_instants(way, one.switches.take(own), context)
+        told.append(one.take(own, way))
+        cost += way.cost
+    # what rows tell may be none of what instants do
+    better = one.asked_at_samples or cost < guard.cost - SETTINGS.better
+    return told if better else [one]
+
+
+def _by_instants(guard: FoundGuard, switches: Switches, context: GuardContext) -> FoundGuard:
+    """A guard that rows have told, each condition by the instants at which it is the last to rise.
+
+    It is below zero at the samples at which all others hold. The first explains the most switches.
+    """
+    columns, rates = switches.before(context.laws)
+    conditions, last = (
+        [replace(guard, also=()), *guard.also],
+        missed_by_all(guard, columns, rates)[1],
+    )
+    told, cost = [], 0.0
+    for number, one in enumerate(conditions):
+        own, exact = last == number, None
+        if own.any():
+            crossed = context.crossed(switches.take(own))
+            held = [holds(other.guard, crossed.beside) for other in conditions if other is not one]
+            if held:
+                crossed = crossed.beside_at(np.all(held, axis=0))
+            exact = best_guard(crossed, context.terms.degree, one.some)
+        told.append(one if exact is None else exact)
+        cost += told[-1].cost
+    order = np.argsort(-np.bincount(last, minlength=len(told)), kind="stable")
+    first, *also = (replace(told[k], rivals=()) for k in order)
+    whole = replace(first, also=tuple(also), cost=cost)
+    misses, last = missed_by_all(whole, columns, rates)
+    return replace(whole, misses=misses, last=last, sure=switches.errors)
 
 
 def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settled]:

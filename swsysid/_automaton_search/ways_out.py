@@ -15,9 +15,9 @@ import numpy as np
 
 from swsysid._automaton.columns import CLOCKS
 from swsysid._automaton.transitions import Guard
-from swsysid._automaton_search.conditions import Exits, holds
+from swsysid._automaton_search.conditions import Exits, Ways, holds, taken_by
 from swsysid._automaton_search.found import FoundGuard, FoundTransition
-from swsysid._automaton_search.margins import Sides, guard_of_columns
+from swsysid._automaton_search.margins import Sides, guard_of_columns, missed
 from swsysid._automaton_search.mode_rows import Taken
 from swsysid._results import Array
 
@@ -71,7 +71,7 @@ def with_lent_guards(
 def _without_needless(guard: FoundGuard, target: int, exits: Exits) -> FoundGuard:
     """The guard without conditions that only tell ways out which may be asked before it."""
     plain = replace(guard, also=())
-    wrong = [exits.missed(one.whole, target)[0] for one in (plain, guard)]
+    wrong = [exits.missed(target, one)[0] for one in (plain, guard)]
     return plain if wrong[0] <= wrong[1] else guard
 
 
@@ -82,11 +82,11 @@ def _lend(first: FoundGuard, second: FoundGuard | None, one: FoundTransition, ex
     """
     if second is None or _sees_dwell(second.whole) or one.target not in exits.targets:
         return False
-    both, reached = _lent(first, second, one).whole, exits.sides(one.target)[2]
+    both, reached = _lent(first, second, one), exits.sides(one.target)[2]
     between = len(set(exits.targets.tolist()))
-    own = exits.nats(one.guard.whole, one.target) if one.guard is not None else np.inf
-    told = exits.nats_of_known(both, one.target) + np.log(between)
-    return bool(told < own and holds(both, reached).any())
+    own = exits.nats(one.target, one.guard) if one.guard is not None else np.inf
+    told = exits.nats_of_known(one.target, both) + np.log(between)
+    return bool(told < own and holds(both.whole, reached).any())
 
 
 def _lent(first: FoundGuard, second: FoundGuard | None, one: FoundTransition) -> FoundGuard:
@@ -94,6 +94,17 @@ def _lent(first: FoundGuard, second: FoundGuard | None, one: FoundTransition) ->
     also = (*first.also, replace(second, also=()), *second.also)
     misses = np.zeros(len(one.guard.misses))
     return replace(first, misses=misses, rivals=(), also=also, is_lent=True)
+
+
+def by_ways(one: FoundTransition, taken: Taken, ways: Ways) -> list[FoundTransition]:
+    """A transition that any of several guards takes, as several, each with its own switches."""
+    if len(ways) < 2:
+        return [one]
+    by, told = taken_by(ways, taken.given), []
+    for number in np.unique(by):
+        own, way = by == number, ways[number]
+        told.append(one.take(own, replace(way, misses=missed(way.guard, taken.given[own]))))
+    return told
 
 
 def in_order(found: list[FoundTransition], taken: Taken) -> list[FoundTransition]:

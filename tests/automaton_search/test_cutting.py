@@ -80,7 +80,7 @@ def settled(source, target, times, x, above):
     switches = Switches(
         modes, modes + source, modes + target, unknown, np.array(times), np.full(n, 0.01),
         np.zeros(n, dtype=bool), np.column_stack([times, times]), column, column, column[:, 1:],
-        modes - 1, np.zeros(n, dtype=bool),
+        modes - 1, np.zeros(n, dtype=bool), modes,
     )  # fmt: skip
     guard = PolynomialGuard(np.array([1.0, -above]), np.array([[1, 0, 0], [0, 0, 0]]))
     return Settled(switches, FoundGuard(guard, 0.0, np.zeros(n), np.array([0])), None)

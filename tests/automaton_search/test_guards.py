@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid._automaton_search.crossed import Crossed
-from swsysid._automaton_search.guards import best_guard
+from swsysid._automaton_search.guards import best_guard, guards_of_surface
 
 RNG = np.random.default_rng(0)
 
@@ -200,3 +200,18 @@ def test_columns_on_which_linear_algebra_fails_leave_the_others(monkeypatch):
 
     monkeypatch.setattr(np.linalg, "lstsq", fails_on_two_columns)
     assert best_guard(planted([2.0, 0.0], 0.7), 1).some.tolist() == [0]
+
+
+def test_instants_that_laws_tell_badly_are_explained_within_their_errors():
+    """Where two laws nearly agree an instant is off by several samples, as its error says."""
+    exact = planted([2.0, 0.0, 0.0], 1.0, n=60)
+    off = 0.5 * np.random.default_rng(1).normal(size=60)  # five samples
+    columns = exact.columns + off[:, None] * exact.rates
+    late = replace(exact, columns=columns, errors=np.full(60, 0.5), beside=exact.beside - 2.0)
+    found = best_guard(late, 1)
+    level = -found.guard.coef[0] / found.guard.coef[1]
+    # the mean of sixty, each off by 0.5 at a rate of 0.5
+    assert level == pytest.approx(0.5, abs=3.5 * 0.25 / np.sqrt(60))
+    assert found.tells(0.1) and not replace(found, sure=0.0).tells(0.1)
+    both = guards_of_surface([late, late], [1.0, -1.0], 1, {})
+    assert all(len(one.explains(0.1)) == 60 and one.tells(0.1) for one in both)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor, MisfitWarning
-from swsysid._automaton_search.conditions import Exits, of_exits, with_second, with_teller
+from swsysid._automaton_search.conditions import Exits, of_exits, ways_of, with_teller
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.guards import met, share_risen, where_it_rises
 from swsysid.results import PolynomialGuard
@@ -122,8 +122,9 @@ def test_nats_of_ends_that_a_guard_leaves_unsaid():
     rows = np.column_stack([np.concatenate(x), np.tile(np.arange(4.0), 3), np.arange(12.0)])
     exits = Exits(rows, np.array([4, 4, 4]), np.array([1, 1, 2]))
     # one coefficient beside the scale, one wrong end, and which of three exits is not its own
-    assert exits.missed(guard, 1) == (1, 1)
-    assert exits.nats(guard, 1) == pytest.approx(np.log(4.0) * 2 + np.log(3.0), rel=1e-12)
+    found = FoundGuard(guard, 0.0, np.zeros(3), np.array([0]))
+    assert exits.missed(1, found) == (1, 1)
+    assert exits.nats(1, found) == pytest.approx(np.log(4.0) * 2 + np.log(3.0), rel=1e-12)
     # ways in which 1,500 of 3,000 switches are the wrong ones, by Stirling's formula
     assert of_exits(1500, 3000) == pytest.approx(
         3000 * np.log(2) - 0.5 * np.log(1500 * np.pi), 1e-6
@@ -142,7 +143,7 @@ def test_a_transition_that_follows_no_row_keeps_its_guard():
         Exits(rows, np.array([4]), np.array([2])),
         Exits(rows[:0], *np.zeros((2, 0), int)),
     ):
-        assert with_second(found, stays, 1, 1) is found
+        assert ways_of(found, stays, 1, 1) == (found,)
 
 
 def test_the_share_of_switches_at_which_a_guard_rises():

@@ -70,8 +70,8 @@ def test_what_is_more_than_arithmetic_is_refused(tmp_path):
         _read(tmp_path, told)
 
 
-def _truth(automaton, late=0):
-    """A method that knows all, and rolls out so many samples late."""
+def _truth(automaton, late=0, beyond=0.0):
+    """A method that knows all, rolls out so many samples late, and has guards so far beyond."""
 
     def method(training, _):
         modes = np.concatenate([one.modes for one in training]) - 1
@@ -80,7 +80,15 @@ def _truth(automaton, late=0):
             wait = np.maximum(np.arange(len(seen.t)) - late, 0)
             return seen.x[wait], seen.modes[wait] - 1
 
-        return SimpleNamespace(n_modes=2, modes=modes, n_first=1, doubts=False, rollout=rollout)
+        def passed(seen, source, target):
+            y = np.concatenate([one.x[:, 1] for one in seen])
+            return (
+                -y / np.ptp(y) - beyond if (source, target) == (0, 1) else np.full(len(y), np.nan)
+            )
+
+        return SimpleNamespace(
+            n_modes=2, modes=modes, n_first=1, doubts=False, rollout=rollout, passed=passed
+        )
 
     return score(method, automaton, noise=0.1)
 
@@ -91,6 +99,13 @@ def test_the_truth_has_no_deviation_and_a_late_one_misses_switches(tmp_path):
     assert (right["mean"], right["labels"], right["switches"], right["modes"]) == (0, 1, 1, 0)
     assert late["switches"] == 0.0
     assert 0.0 < late["mean"] < late["largest"]
+
+
+def test_guards_are_right_up_to_a_hundredth_of_the_ranges(tmp_path):
+    automaton = _read(tmp_path, FALL)
+    # y falls by about a hundredth of its range in a sample, so that the last before is as near
+    shares = [_truth(automaton, beyond=beyond)["guards"] for beyond in (0.0, 0.03, -0.03)]
+    assert shares == [1.0, 0.0, 0.0]
 
 
 def test_a_refusal_in_words_is_a_result(tmp_path):
@@ -116,7 +131,7 @@ def test_the_command_finds_a_thermostat(tmp_path, capsys):
     main([str(tmp_path), "--output", str(output)])
     [cell] = json.loads((output / "others.json").read_text())["clean"]["cells"]
     assert cell["mean"] <= RIGHT  # a guard lies between two samples: a switch comes one late
-    assert cell["switches"] == cell["labels"] == 1.0
+    assert cell["switches"] == cell["labels"] == cell["guards"] == 1.0
     assert "1 of 1 within" in capsys.readouterr().out
 
 

@@ -22,12 +22,13 @@ MOST_LINES = {
     # guards of several conditions; SpaceEx with settings, pruned; maps in blocks of rows; guards
     # that are asked every so often
     "_automaton": 3580,
-    # two conditions, few columns, ways out of a mode, stays told by guards; automata of maps by
+    # several conditions and several ways where one guard does not tell, told by rows first and then
+    # by instants; few columns, ways out of a mode, stays told by guards; automata of maps by
     # free rollouts; what is known; errors of guards and resets; instants that lie on samples;
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
     # walk, turns that single samples hide
-    "_automaton_search": 6540,
+    "_automaton_search": 6810,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only

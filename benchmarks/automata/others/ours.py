@@ -23,6 +23,8 @@ from swsysid import FunctionLibrary, HybridAutomatonRegressor
 
 __all__ = ["Ours", "ours"]
 
+_STEP = 1e-6  # of the range, where a guard is differentiated
+
 
 @dataclass(frozen=True)
 class Ours:
@@ -67,6 +69,39 @@ class Ours:
         inputs = inputs if inputs is None else inputs[at:]
         done = self.fitted.simulate(start, seen.t[at:], inputs, mode=mode)
         return done.x[:, :n_states], done.modes
+
+    def passed(self, seen: list[Recorded], source: int, target: int) -> Array:
+        """Distance beyond the guard, as `scoring.Model` says."""
+        columns = np.vstack([self._columns(one) for one in seen])
+        ranges = np.ptp(columns, axis=0)
+        beyond = [np.full(len(columns), np.nan)]
+        for one in self.fitted.automaton_.transitions:
+            if (one.source, one.target) == (source, target):
+                values = one.guard.values
+                moved = [
+                    columns + sign * step for step in _STEP * np.diag(ranges) for sign in (-1, 1)
+                ]
+                slopes = np.diff(
+                    np.reshape(list(map(values, moved)), (-1, 2, len(columns))), axis=1
+                )
+                size = np.linalg.norm(slopes[:, 0] / (2.0 * _STEP), axis=0)
+                beyond.append(values(columns) / np.where(size > 0.0, size, np.nan))
+        return np.asarray(np.fmax.reduce(beyond))
+
+    def _columns(self, seen: Recorded) -> Array:
+        """Of guards, at the samples of a recording: its first stay counts from its start."""
+        as_map, at = self.fitted.discrete_time, np.arange(len(seen.t))
+        entered = np.append(True, np.diff(seen.modes) != 0)
+        # a sample at which a mode is entered ends the stay before it
+        dwell = at - np.append(0, np.maximum.accumulate(np.where(entered, at, 0))[:-1])
+        lags = range(self.fitted.automaton_.lags + 1 if as_map else 1)
+        states = [seen.x[np.maximum(at - lag, 0)] for lag in lags]
+        if self.fitted.order == 2:
+            states.append(np.diff(seen.x, axis=0, prepend=seen.x[:1]) / (seen.t[1] - seen.t[0]))
+        u = _with_next(seen.u) if as_map else seen.u
+        inputs = [u[np.maximum(at - lag, 0)] for lag in lags]
+        clocks = (dwell, at) if as_map else (dwell * (seen.t[1] - seen.t[0]), seen.t)
+        return np.column_stack([*states, *inputs, *clocks])
 
 
 def ours(training: list[Recorded], automaton: Published) -> Ours:

@@ -21,7 +21,7 @@ from benchmarks.automata.plant import Array
 
 __all__ = ["Model", "score"]
 
-NEAR = 2  # samples
+NEAR, AT_GUARD = 2, 0.01  # samples; ranges of the columns of a guard
 _NAMED = re.compile(r"mode \d|\d -> \d")
 
 
@@ -78,6 +78,12 @@ class Model(Protocol):
     def rollout(self, seen: Recorded, mode: int) -> tuple[Array, NDArray[np.intp]]:
         """States and modes from the last of the first samples on, in a mode of the model."""
 
+    def passed(self, seen: list[Recorded], source: int, target: int) -> Array:
+        """Signed distance beyond the guard of a transition at all samples, (n_rows,).
+
+        In ranges of its columns in these recordings; NaN where it has none. Modes are the model's.
+        """
+
 
 def score(
     method: Callable[[list[Recorded], Published], Model],
@@ -103,12 +109,13 @@ def score(
     -------
     dict
         ``modes`` beyond those of different laws in the training, ``labels`` the share of training
-        samples in their mode, ``mean`` and
-        ``largest`` deviation of the unseen rollouts, each state in units of its largest value
-        there (as DAINARX counts; infinite where a rollout ends early), ``switches`` the share of
-        unseen switches that the rollouts make within two samples, and no others, ``doubts``
-        whether the method said so, ``warns`` its warnings that name a mode or a transition, CPU
-        ``seconds``; or ``refused`` and why.
+        samples in their mode, ``guards`` the share of the training's switches at which the true
+        states (those without noise) pass the guard found, or are within 1 % of the ranges of its
+        columns, ``mean`` and ``largest`` deviation of the unseen rollouts, each state in units of
+        its largest value there (as DAINARX counts; infinite where a rollout ends early),
+        ``switches`` the share of unseen switches that the rollouts make within two samples, and no
+        others, ``doubts`` whether the method said so, ``warns`` its warnings that name a mode or a
+        transition, CPU ``seconds``; or ``refused`` and why.
     """
     training, unseen = automaton.training(), automaton.unseen()
     spread = np.std(np.vstack([one.x for one in training]), axis=0)
@@ -133,6 +140,7 @@ def score(
     return {
         "modes": float(model.n_modes - len(np.unique(true))),
         "labels": float(np.mean(order[true] == model.modes)),
+        "guards": _at_guards(model, training, true, order),
         "mean": float(np.mean([one[0] for one in every])),
         "largest": float(np.max([one[1] for one in every])),
         "switches": hits / of if of else 1.0,
@@ -140,6 +148,30 @@ def score(
         "warns": " ".join(str(one.message) for one in said if _NAMED.search(str(one.message))),
         "seconds": seconds,
     }
+
+
+def _at_guards(
+    model: Model, training: list[Recorded], true: NDArray[np.intp], order: NDArray[np.intp]
+) -> float:
+    """Share of the switches whose states are at the guard that the model has for them.
+
+    A guard is passed from the last sample before a switch to the next, or where states would have
+    been then, had they gone on: after a jump they are elsewhere.
+    """
+    starts = np.cumsum([0, *(len(one.t) for one in training)])
+    places = np.setdiff1d(np.flatnonzero(np.diff(true)) + 1, starts)
+    ways, which = np.unique([true[places - 1], true[places]], axis=1, return_inverse=True)
+    off = np.full(len(places), np.nan)
+    for number, (source, target) in enumerate(ways.T):
+        passed = model.passed(training, int(order[source]), int(order[target]))
+        own = places[np.ravel(which) == number]
+        before, after = passed[own - 1], passed[own]
+        first = np.isin(own - 1, starts)
+        gone_on = np.where(first, after, 2.0 * before - passed[own - 2])
+        passes = (before < 0.0) & (np.maximum(after, gone_on) >= 0.0)
+        apart = np.minimum(np.abs(before), np.abs(after))
+        off[np.ravel(which) == number] = np.where(passes, 0.0, apart)
+    return float(np.mean(off <= AT_GUARD)) if len(off) else 1.0
 
 
 def _of_rollout(
