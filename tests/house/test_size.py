@@ -49,7 +49,7 @@ MOST_LINES = {
     # else was as good; text, pictures and page
     "_effect_search": 9270,
     # what an effect cannot act on, in words; held channels; waves that steps cannot show
-    "effects": 4030,
+    "effects": 4050,
     # a writer for each tool: C, FMI 2 and 3, Modelica, MATLAB, SymPy, CasADi
     "exporting": 3330,
     # what rollouts of most recordings go wrong at; switches paired in one pass; sides of jumps
