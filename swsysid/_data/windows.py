@@ -1,9 +1,10 @@
-r"""Local polynomials along recordings that do not reach across a switch.
+r"""Local polynomials along recordings that do not reach across a switch or an event.
 
 Each sample has a window, the neighbours up to half a window before and after it that are in the
-same stay. The polynomial of least squares through them gives value and slope at the sample; both
-are linear in the samples, and so are rows of sparse matrices. With w the weights of a slope and I
-the integral of a column c by trapezia,
+same stay, on the same side of what happens between two rows of one time. The polynomial of least
+squares through them gives value and slope at the sample; both are linear in the samples, and so are
+rows of sparse matrices. With w the weights of a slope and I the integral of a column c by
+trapezia,
 
 .. math:: \sum_k w_k I_k = \sum_j \tfrac{h_j}{2} (c_j + c_{j+1}) \sum_{k > j} w_k,
 
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from swsysid._data.trajectories import events_in
 from swsysid._results import Array
 
 Rows = NDArray[np.intp]
@@ -30,7 +32,7 @@ _ROWS_AT_A_TIME = 20_000  # whose windows are solved together, which bounds the 
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows around every sample, cut at the ends of the stays."""
+    """Windows around every sample, cut at the ends of the stays and at events."""
 
     t: Array  # (n_samples,)
     stays: list[Rows]  # rows of each stay in order of time, of all of them every row
@@ -44,7 +46,7 @@ class Windows:
 
     def whole(self, stride: int = 1) -> Rows:
         """Rows whose window is whole, every so many of each stay."""
-        inner = [stay[self.half : len(stay) - self.half] for stay in self.stays]
+        inner = [run[self.half : len(run) - self.half] for run in self._runs]
         some = [rows[(len(rows) - 1) % stride // 2 :: stride] for rows in inner if len(rows)]
         return np.sort(np.concatenate([np.empty(0, dtype=np.intp), *some]))
 
@@ -62,6 +64,13 @@ class Windows:
     def means(self) -> csr_matrix:
         """What takes a column to the slopes of its integral."""
         return self._matrices[2]
+
+    @cached_property
+    def _runs(self) -> list[Rows]:
+        """Rows of each stay between its events, of which they are the limits."""
+        order = np.concatenate(self.stays)
+        starts = np.cumsum([len(stay) for stay in self.stays])[:-1]
+        return np.split(order, np.union1d(starts, events_in(self.t[order]) + 1))
 
     # -- weights -----------------------------------------------------------------------------------
 
@@ -82,8 +91,8 @@ class Windows:
 
     def _alike(self) -> Iterator[_Alike]:
         """Samples whose windows reach equally far back and ahead."""
-        order = np.concatenate(self.stays)
-        lengths = np.array([len(stay) for stay in self.stays])
+        order = np.concatenate(self._runs)
+        lengths = np.array([len(run) for run in self._runs])
         before = np.concatenate([np.arange(length) for length in lengths])
         after = np.repeat(lengths, lengths) - 1 - before
         left, right = np.minimum(before, self.half), np.minimum(after, self.half)

@@ -197,13 +197,15 @@ def _differentiated(records: Records, stretches: list[Rows]) -> tuple[Records, A
         inputs=X[:, n_states:] if records.n_inputs else None,
         too_short="drop",
     )
-    kept = np.zeros(len(X), dtype=bool)
+    kept, sampled = np.zeros(len(X), dtype=bool), np.zeros(len(derived.t), dtype=bool)
     for label in np.unique(derived.groups):
-        own = np.flatnonzero(labels == label)
-        kept[own] = np.isin(records.t[own], derived.t[derived.groups == label])
-    chosen = np.flatnonzero(kept)
-    X[chosen, :n_states] = derived.X[:, :n_states]
-    return records.take(chosen).with_columns(derived.X), derived.Xdot, X
+        own, told = np.flatnonzero(labels == label), np.flatnonzero(derived.groups == label)
+        # two samples between events tell a velocity midway between them, where none was taken
+        kept[own] = np.isin(records.t[own], derived.t[told])
+        sampled[told] = np.isin(derived.t[told], records.t[own])
+    chosen, smoothed = np.flatnonzero(kept), derived.X[sampled]
+    X[chosen, :n_states] = smoothed[:, :n_states]
+    return records.take(chosen).with_columns(smoothed), derived.Xdot[sampled], X
 
 
 def _filtered(fit: JointFit, records: Records, states: Array, decoding: Decoded) -> Measured:

@@ -274,7 +274,7 @@ def report_lines(report: EffectContents, units: Units = None) -> Iterator[str]:
             f"({report.held_out}).{at_rest(report)}{_held(report)}"
         )
     yield summary(report, units)
-    laws = _laws(report.data) if report.data is not None and report.effects else []
+    laws = _laws(report.data, bool(report.effects)) if report.data is not None else []
     yield from ["", *laws] if laws else []
     if report.errors:
         yield ""
@@ -323,9 +323,10 @@ def _left_over(report: EffectContents) -> Iterator[str]:
                 yield f"Left over of {name}{whether}: {briefly(said)}"
 
 
-def _laws(data: EffectData) -> list[str]:
-    """The laws without the effects and with them, of one mode."""
-    models = ("without:", data.models[0]), ("with:", data.final)
+def _laws(data: EffectData, has_effects: bool) -> list[str]:
+    """Laws of one mode without the effects and with them, the law alone where there is none."""
+    models = [("without:", data.models[0])] if has_effects else []
+    models.append(("with:" if has_effects else "law:", data.final))
     return [
         f"{when:8} {law.removeprefix('mode 0: ')}"
         for when, model in models

@@ -29,6 +29,7 @@ from swsysid._results import Array
 from swsysid._stays.arrow import Arrow
 from swsysid._stays.descent import most_likely
 from swsysid._stays.flow import joined_legs, steady_legs
+from swsysid._stays.laws import slope_of
 from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.settings import SETTINGS as STAYS
 from swsysid._ties import largest_first
@@ -277,7 +278,8 @@ class RolloutScore:
     def missed(self, stretches: Stretches) -> Array:
         """What the law lacks of the velocities of its states, zero at other samples."""
         nodes, rates = self.followed.nodes, np.zeros(self.followed.states.shape)
-        rates[nodes.begins] = self.gaps * self.noise / nodes.steps[:, None]
+        gaps = self.gaps * self.noise
+        rates[nodes.begins] = slope_of(np.zeros_like(gaps), gaps, nodes.steps)  # none of an event
         missed = np.zeros((len(stretches.seen), len(self.noise)))
         missed[stretches.rows] = of_samples(nodes, rates)
         return missed

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -110,7 +111,7 @@ class Recordings:
         """Inputs at the ends of the steps, before they may jump there."""
         return np.where(self.held, self.u[:-1], self.u[1:])
 
-    @property
+    @cached_property
     def interval(self) -> float:
         """Usual duration between two samples."""
         return float(np.median(self.steps[self.steps > 0.0]) * self.per_sample)

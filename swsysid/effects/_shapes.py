@@ -12,12 +12,12 @@ others make of it, of two channels to be zero, as if a part of a row had said so
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
+from scipy.interpolate import CubicSpline, PPoly, RBFInterpolator
 from scipy.linalg import null_space
 from scipy.spatial.distance import cdist
 from scipy.stats import rankdata
@@ -112,7 +112,8 @@ class UnknownFunction(Effect):
         return [((first,), (second,)) if self.reference is None else ((first,), second)]
 
     def columns(self, records: Records, place: Place, *theta: float) -> Array:
-        return self.basis(self.points(records)) * self.factor(records)[:, None]
+        basis = self.basis(self.points(records))
+        return basis if self.reference is None else basis * self.factor(records)[:, None]
 
     def factor(self, records: Records) -> Array:
         """What the function is multiplied by on every row, (n_samples,)."""
@@ -184,11 +185,26 @@ class UnknownFunction(Effect):
 
 
 @lru_cache(maxsize=256)
-def _cardinal(knots: tuple[tuple[float, ...], ...]) -> RBFInterpolator:
+def _cardinal(knots: tuple[tuple[float, ...], ...]) -> Callable[[Array], Array]:
     """Functions that are one at a knot and zero at the others, of channels in units of a range."""
     points = np.array(knots)
-    scaled = points / np.ptp(points, axis=0)
-    return RBFInterpolator(scaled, np.eye(len(points)), kernel="cubic", degree=1)
+    scaled, values = points / np.ptp(points, axis=0), np.eye(len(points))
+    if points.shape[1] > 1:
+        return RBFInterpolator(scaled, values, kernel="cubic", degree=1)
+    # the same function, whose pieces ask no row for its distance to every knot
+    order = np.argsort(scaled[:, 0])
+    splines = _straight_beyond(CubicSpline(scaled[order, 0], values[order], bc_type="natural"))
+    return lambda at: np.asarray(splines(at[:, 0]))
+
+
+def _straight_beyond(inside: CubicSpline) -> PPoly:
+    """Natural splines that go on as straight lines."""
+    ends = inside.x[[0, -1]]
+    lines = np.zeros((4, 2, inside.c.shape[2]))
+    lines[2], lines[3] = inside(ends, 1), inside(ends)
+    lines[3, 0] -= lines[2, 0]  # the first one begins a unit before the first knot
+    pieces = np.hstack([lines[:, :1], inside.c, lines[:, 1:]])
+    return PPoly(pieces, [ends[0] - 1.0, *inside.x, ends[1] + 1.0])
 
 
 @lru_cache(maxsize=256)

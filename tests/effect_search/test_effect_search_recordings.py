@@ -268,3 +268,16 @@ def test_a_vibration_in_recordings_far_apart_in_time():
     (found,) = search.fit(x[:, None], **given).effects_
     assert found.parameters["frequency"] == pytest.approx(3.1 / (2.0 * np.pi), abs=1e-4)
     assert found.parameters["amplitude"] == pytest.approx(0.8, rel=0.02)
+
+
+def test_events_may_be_as_near_as_two_samples():
+    """x' = -x/2, and x jumps by one at three rows in a row and elsewhere: these stand twice."""
+    each = 0.1 * np.arange(401.0)
+    t = np.sort(np.append(each, each[[50, 51, 52, 120, 260]]))
+    x = np.full(len(t), 2.0)
+    for row, step in enumerate(np.diff(t)):
+        x[row + 1] = x[row] * np.exp(-0.5 * step) + (step == 0.0)
+    x += 0.005 * np.random.default_rng(0).standard_normal(len(x))
+    one_law = SwitchingSystemRegressor(1, feature_library=1)
+    report = EffectSearchCV(one_law, effects=[QuadraticDrag()]).fit(x[:, None], t=t).report_
+    assert report.clean  # a jump is no drag

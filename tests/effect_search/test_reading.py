@@ -6,7 +6,8 @@ from scipy.signal import savgol_filter
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._effect_search.reading import follow_the_states, states_differentiated
+from swsysid._data.trajectories import limits_apart
+from swsysid._effect_search.reading import follow_the_states, slopes_of, states_differentiated
 from swsysid._results import IdentificationWarning
 from swsysid.effects import QuadraticDrag
 
@@ -112,3 +113,15 @@ def test_the_report_begins_with_it():
     ):
         search.fit(X, np.gradient(X, STEP, axis=0), t=T)
     assert search.report_.summary.startswith("Nobody has measured x0', x1'")
+
+
+def test_slopes_do_not_reach_across_an_event():
+    """A simulator writes the start, an impact and the end twice: the limits of each."""
+    before, after = np.arange(0.0, 0.55, 0.05), np.arange(0.5, 1.05, 0.05)
+    t = np.concatenate([before[:1], before, after, after[-1:]])
+    hit, fall = -9.8 * 0.5, np.where(np.arange(len(t)) <= len(before), t, t - 0.5)
+    speed = np.where(np.arange(len(t)) <= len(before), 0.0, -0.7 * hit) - 9.8 * fall
+    x = np.where(np.arange(len(t)) <= len(before), 1.225, 0.0) + fall * (speed + 4.9 * fall)
+    found = slopes_of(x[:, None], limits_apart(t), np.zeros(len(t), dtype=int))[:, 0]
+    # a row that is alone on its side of an event says nothing of a speed
+    np.testing.assert_allclose(found[1:-1], speed[1:-1], atol=1e-6)

@@ -1,5 +1,7 @@
 """What is said where no effect is found."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import lsim
@@ -24,6 +26,23 @@ def test_velocities_may_leave_more_than_rollouts_do():
     assert "free rollouts of the model leave nothing but noise, but velocities" in report.summary
     assert report.errors[0]["held_out"][0] == pytest.approx(NOISE, rel=0.1)
     assert not report.residual_before.clean
+
+
+def test_the_law_that_lacks_nothing_is_told():
+    """v' = 1 + 2 u - v / 2 and noise, no friction."""
+    t, rng = 0.02 * np.arange(600), np.random.default_rng(0)
+    u = np.repeat(rng.uniform(-2.0, 2.0, 12), 50)
+    _, v, _ = lsim(([1.0], [1.0, 0.5]), 1.0 + 2.0 * u, t)
+    v += 0.01 * rng.standard_normal(len(v))
+    declared = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    search = EffectSearchCV(declared, effects=[CoulombFriction()])
+    report = search.fit(v[:, None], t=t, inputs=u[:, None]).report_
+    assert report.clean
+    [told] = re.findall(r"^law: +x0' = (.*)$", str(report), re.MULTILINE)
+    terms = re.findall(r"([+-]?) ?(\d[.\d]*)( x\d| u\d)?", told)
+    found = {name.strip(): float(sign + size) for sign, size, name in terms}
+    # their standard errors are about .002
+    assert found == pytest.approx({"": 1.0, "x0": -0.5, "x1": 2.0}, abs=0.02)
 
 
 def test_what_chance_may_explain_is_told_with_how_much_more_would_tell():
