@@ -76,10 +76,10 @@ class Crossed:
 
     def beside_at(self, own: NDArray[np.bool_]) -> Crossed:
         """The same with some of the samples where it is not zero."""
-        parts = self.beside, self.beside_rates, self.signs, self.shares, self.stays
-        beside, rates, signs, shares, stays = (part[own] for part in parts)
+        parts = self.beside, self.beside_rates, self.signs, self.shares
+        beside, rates, signs, shares = (part[own] for part in parts)
         told = replace(self, beside=beside, beside_rates=rates, signs=signs, shares=shares)
-        return replace(told, stays=stays)
+        return replace(told, stays=self.stays[own])
 
     @classmethod
     def joined(cls, parts: Sequence[Crossed]) -> Crossed:

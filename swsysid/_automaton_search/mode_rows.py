@@ -206,7 +206,7 @@ class ModeRows:
     def exits(self, mode: int) -> Exits:
         """The stays in a mode, with the row at which each is left."""
         inside = (self.modes == mode) & ~self.stays.straddling
-        number = np.cumsum(self._entered | self.stays.rows.begins)
+        number = np.cumsum(self._entered | self.stays.rows.begins, dtype=np.intp)
         left = number[self.taken.rows - 1]
         return Exits.of(
             self.columns[inside], number[inside], left, self.taken.given, self.taken.target
