@@ -66,7 +66,10 @@ def test_draughts_are_no_switches_and_no_noise_of_the_sensor():
     assert "a term or a mode is missing" not in str(found.report_)
 
 
-@pytest.mark.parametrize("push", [lambda t: 0.0, lambda t: 0.4 * np.sin(1.3 * t)])
+@pytest.mark.parametrize(
+    "push",
+    [pytest.param(lambda t: 0.0, id="noise"), pytest.param(lambda t: 0.4 * np.sin(t), id="wave")],
+)
 def test_what_is_no_walk_is_not_called_one(push):
     """Neither the sensor's noise nor a wave that no law knows, whose innovations go on."""
     runs, _ = fridges(0.0, push)
