@@ -165,8 +165,7 @@ class Cutting:
 
         if self.walk is not None or any(cut is one for one in self.still):
             return cut
-        noise = self.first.search.base.noise
-        if (told := beside_walk(cut.stays, noise, self.settings, again)) is None:
+        if (told := beside_walk(cut.stays, self.first.search, again)) is None:
             self.first.search.walk = None
             self.still.append(cut)
             return cut

@@ -2,16 +2,18 @@
 
 Where laws are taken to be all that moves a state, brief stays, jumps and other laws make up for
 what a walk does; so laws, stays and the sizes of both noises are told in turns, until these stay.
+What is known of laws, and is wrong, leaves more than noise, too: that is asked before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
+from swsysid._known.checks import blamed
 from swsysid._results import Array
 from swsysid._stays.identification import StayIdentification, counted_as_one, leaves_noise
+from swsysid._stays.knowledge import Again, checked
 from swsysid._stays.search import Search
-from swsysid._stays.settings import StaySettings
 from swsysid._stays.walk import Walk, walk_of
 
 _MOST_TURNS = 4
@@ -19,20 +21,21 @@ _MOST_TURNS = 4
 
 def beside_walk(
     found: StayIdentification,
-    noise: Array,
-    settings: StaySettings,
+    search: Search,
     again: Callable[[Array, StayIdentification], StayIdentification],
 ) -> tuple[StayIdentification, Walk] | None:
     """The answer beside a walk that is all that laws leave, and that walk; None if none is.
 
-    `noise` is what neighbours show; `again` is given the walk and the answer from which to go on.
+    `again` is given the walk and the answer from which to go on.
     """
-    reached = found.reached
+    reached, noise = found.reached, search.base.noise
     if reached.is_joined and leaves_noise(reached, noise) and counted_as_one(reached) == 1.0:
+        return None
+    if blamed(checked(found, _without(search, found))):
         return None
     now, before = found, None
     for _ in range(_MOST_TURNS):
-        walk = walk_of(now.estimate, now.left, settings)
+        walk = walk_of(now.estimate, now.left, search.settings)
         has_stays = len(now.estimate.nodes.instants) > 0
         if not (walk.is_all or has_stays) or not walk.pays:
             break
@@ -40,6 +43,16 @@ def beside_walk(
             break
         now, before = again(walk.walk, now), walk
     return (now, walk) if before is not None and walk.is_all else None
+
+
+def _without(search: Search, found: StayIdentification) -> Again:
+    """Identifications with some of what is known left out."""
+
+    def again(left_out: frozenset[int]) -> StayIdentification:
+        return search.without(left_out, found).identified()
+
+    guard = search.guard if search.surfaces else None
+    return Again(again, search.estimator, search.base.noise, search.settings, guard)
 
 
 def walking(found: StayIdentification, search: Search) -> tuple[StayIdentification, Walk | None]:
@@ -54,7 +67,7 @@ def walking(found: StayIdentification, search: Search) -> tuple[StayIdentificati
 
     if search.is_exact or search.stretch is not None:
         return found, None
-    told = beside_walk(found, search.base.noise, search.settings, again)
+    told = beside_walk(found, search, again)
     if told is None:
         search.walk = None
         return found, None
