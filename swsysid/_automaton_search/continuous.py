@@ -68,7 +68,7 @@ from swsysid._stays.count import CountCandidate
 from swsysid._stays.exact import ExactStart
 from swsysid._stays.given import Given, without_clipped
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.knowledge import Again, Knowledge, checked
+from swsysid._stays.knowledge import Knowledge, checked
 from swsysid._stays.origin import Origin
 from swsysid._stays.pieces import (
     Pieces,
@@ -81,6 +81,7 @@ from swsysid._stays.pieces import (
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
+from swsysid._stays.walking import less_known
 
 _Begun = tuple[StayIdentification, Told]  # before it is refined
 
@@ -239,10 +240,6 @@ def _answer(
     # what laws that lack something leave is no noise to judge them by
     of_samples = np.where(excess > most, neighbours[:n_channels], stays.left[:n_channels])
     rollouts, noise = _rolled_out(given, told, found, of_samples)
-    again = Again(
-        lambda left: search.without(left, stays).identified(), search.estimator, search.base.noise,
-        search.settings,
-    )  # fmt: skip
     return IdentifiedAutomaton(
         automaton,
         errors,
@@ -264,7 +261,7 @@ def _answer(
         candidates,
         n_unexplained=sum(int((own < 0).sum()) for own in told.modes),
         refinement=refinement,
-        known=checked(stays.renamed(order), again),
+        known=checked(stays.renamed(order), less_known(search, stays)),
     )
 
 

@@ -33,7 +33,8 @@ from swsysid._stays.settings import StaySettings
 _LEAST, _MOST, _FIRST = 1e-3, 1e2, 0.3
 # Part of the likelihood that a step must gain; samples of a piece, all worked side by side.
 _CONVERGED, _PIECE = 1e-6, 30
-# Part by which sizes may differ and be the same.
+# Part by which sizes may differ and be the same: the turn after one that moved them by less moves
+# them by 2 % at most (a fridge, a mass at an elastic stop).
 _SAME = 0.1
 # The significance below which innovations are not white, and the lags that are asked.
 _COLOURED, _LAGS = 1e-3, 10

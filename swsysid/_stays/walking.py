@@ -31,7 +31,7 @@ def beside_walk(
     reached, noise = found.reached, search.base.noise
     if reached.is_joined and leaves_noise(reached, noise) and counted_as_one(reached) == 1.0:
         return None
-    if blamed(checked(found, _without(search, found))):
+    if blamed(checked(found, less_known(search, found))):
         return None
     now, before = found, None
     for _ in range(_MOST_TURNS):
@@ -45,8 +45,8 @@ def beside_walk(
     return (now, walk) if before is not None and walk.is_all else None
 
 
-def _without(search: Search, found: StayIdentification) -> Again:
-    """Identifications with some of what is known left out."""
+def less_known(search: Search, found: StayIdentification) -> Again:
+    """Identifications from an answer, with some of what is known left out."""
 
     def again(left_out: frozenset[int]) -> StayIdentification:
         return search.without(left_out, found).identified()
