@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ from swsysid._results import SolverError
 from swsysid._stays.given import Given, read_given
 from swsysid._tables.table import Table, TableError
 from swsysid._trajectory_identifier import TrajectoryIdentifier
-from swsysid._verdict.comparison import hold_out
+from swsysid._verdict.comparison import Verdict, hold_out
 from swsysid._verdict.held_out import HeldOutTrajectories
 from swsysid._verdict.judge import Judge
 from swsysid._verdict.terms import Terms
@@ -37,22 +37,48 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
         raise TableError("--automaton takes recorded states alone; leave out --derivatives.")
     with own_warnings() as notes:
         samples = measure(table, options.measurement)
-    answer = automaton_of(samples, options, with_verdict=True)
+    answer = automaton_of(samples, options)
     assert answer is not None  # it is asked for
-    found, told = answer
+    told = answer.text(samples)
     beside = [f"note: {note}" for note in notes if note not in told]
     return save_automaton(
-        found, samples, "\n\n".join([_recorded(samples), told, *beside]), folder, checksum
+        answer.found, samples, "\n\n".join([_recorded(samples), told, *beside]), folder, checksum
     )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An automaton of recordings, and what is said of it."""
+
+    found: HybridAutomatonRegressor
+    held_out: str
+    verdict: SwitchingVerdict | None  # none where no smooth law can be fitted beside it
+    notes: Sequence[str]
+
+    @property
+    def report(self) -> str:
+        """What was found, and how it rolls out what is held out."""
+        return f"{self.found.report_}\n\n{self.held_out}"
+
+    @property
+    def predicts_no_better(self) -> bool:
+        """Whether one law tells what is held out as well: the modes are pieces of a curve."""
+        smooth = Verdict.ONE_MODE, Verdict.SMOOTH
+        return self.verdict is not None and self.verdict.kind in smooth
+
+    def text(self, samples: Samples) -> str:
+        """All that is said, the verdict on its modes included."""
+        verdict = self.verdict
+        judged = [] if verdict is None else [verdict.table(samples.units), verdict.sentence]
+        return "\n\n".join([self.report, *judged, *self.notes])
 
 
 def automaton_of(
     samples: Samples,
     options: JobOptions,
-    with_verdict: bool = False,
     is_worth: Callable[[HybridAutomatonRegressor], bool] = lambda found: True,
-) -> tuple[HybridAutomatonRegressor, str] | None:
-    """An automaton of recordings, and what is said of it; None if it is not worth judging."""
+) -> Answer | None:
+    """An automaton of recordings; None if it is not worth judging."""
     identification = _Identification(samples, options)
     with own_warnings() as notes:
         found = identification.fitted(slice(None), options.modes)
@@ -62,12 +88,10 @@ def automaton_of(
     trained = identification.trained()
     # the advice of the report says what guards do not tell
     told = [f"note: {note}" for note in notes if note not in found.report_.advice]
-    parts = [str(found.report_), identification.held_out(trained)]
-    if with_verdict:
-        with suppress(ValueError, SolverError):  # no smooth law can be fitted to what is left
-            verdict = identification.verdict(found, trained)
-            parts += [verdict.table(samples.units), verdict.sentence]
-    return found, "\n\n".join([*parts, *told])
+    verdict = None
+    with suppress(ValueError, SolverError):  # no smooth law can be fitted to what is left
+        verdict = identification.verdict(found, trained)
+    return Answer(found, identification.held_out(trained), verdict, told)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swsysid._automaton_regressor import HybridAutomatonRegressor
 from swsysid._automaton_search.jumps import jumps_of
-from swsysid._cli.automaton import automaton_of, own_warnings
+from swsysid._cli.automaton import Answer, automaton_of, own_warnings
 from swsysid._cli.options import JobOptions
 from swsysid._cli.recorded import Recorded
 from swsysid._cli.runs import parted
@@ -39,8 +39,7 @@ class Diagnosis:
     search: EffectSearchCV
     samples: Samples
     notes: Sequence[str]
-    several: HybridAutomatonRegressor | None = None
-    told_of_several: str = ""
+    several: Answer | None = None
 
     @property
     def explains_little(self) -> bool:
@@ -100,14 +99,16 @@ class Diagnosis:
             left = ", ".join(
                 f"{name} {size:.3g} {samples.unit(name)}".rstrip() for name, size in sizes
             )
-            what = "States jump" if self.several.n_modes_ == 1 else "Several laws follow each other"
+            alone = self.several.found.n_modes_ == 1
+            what = "States jump" if alone else "Several laws follow each other"
             one_law = f"One law: {self.search.report_.summary}"
             if left:
                 one_law = (
                     f"One law, with all that was found beside it, leaves {left} in free rollouts "
                     f"over what was held out: {self.search.report_.summary}"
                 )
-            report = f"{what}. {self.told_of_several}\n\n{one_law}"
+            told = "\n\n".join([self.several.report, *self.several.notes])
+            report = f"{what}. {told}\n\n{one_law}"
         # what stands in the report, perhaps after another first sentence, is said
         notes = [f"note: {one}" for one in self.notes if one.split(". ", 1)[-1] not in report]
         return "\n\n".join(["\n".join(data), report, *notes])
@@ -139,9 +140,23 @@ def diagnosed(
             several = automaton_of(
                 asked, replace(options, modes=modes), is_worth=done.is_worse_than
             )
-        if several is not None:
-            return replace(done, several=several[0], told_of_several=several[1])
+        if several is None:
+            continue
+        if not several.predicts_no_better:
+            return replace(done, several=several)
+        done = replace(done, notes=[*done.notes, _refused(several, samples)])
     return done
+
+
+def _refused(several: Answer, samples: Samples) -> str:
+    """Several laws that predict no better than one: nothing found is lost."""
+    found = several.found
+    sizes = zip(samples.names, found.noise_, strict=False)
+    left = ", ".join(f"{name} {size:.3g} {samples.unit(name)}".rstrip() for name, size in sizes)
+    return (
+        f"{found.n_modes_} modes that are told when to switch would leave {left}, but predict what "
+        "is held out no better than one law: none is claimed. --automaton tells what they are."
+    )
 
 
 def _thinned(samples: Samples) -> Samples:

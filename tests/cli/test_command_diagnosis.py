@@ -8,7 +8,12 @@ import pytest
 
 from swsysid import load_model
 from swsysid.__main__ import main
+from swsysid._cli.automaton import automaton_of
 from swsysid._cli.diagnosis import Diagnosis
+from swsysid._cli.measurement import Measurement
+from swsysid._cli.options import JobOptions
+from swsysid._cli.samples import measure
+from swsysid._tables.table import Table
 
 STEP = 0.02
 
@@ -153,6 +158,23 @@ def test_several_laws_take_the_place_of_one_that_explains_little(tmp_path, capsy
     # whoever names one law gets it
     text, _ = text_of([*asked, "--modes", "1"], tmp_path, capsys)
     assert "Several laws" not in text
+
+
+@pytest.mark.parametrize(("is_pump", "no_better"), [(True, False), (False, True)])
+def test_modes_that_predict_no_better_than_one_law_are_told(is_pump, no_better):
+    """Two of a drain, h' = u - .3 h, and of a pump between levels of 1 and 3, which has two."""
+    rng, t = np.random.default_rng(2), np.arange(0.0, 30.0, 0.1)
+    inflow, level, rows, is_on = 0.3 + 0.25 * np.sin(0.4 * t), 1.0, [], True
+    for u in inflow:
+        rows.append(level)
+        for _ in range(10):
+            pumped = (5.0 - level) if is_on else -0.4 * level
+            level += 0.01 * (pumped if is_pump else u - 0.3 * level)
+        is_on = level < 3.0 if is_on else level < 1.0
+    columns = {"t": t, "h": np.array(rows) + 0.002 * rng.standard_normal(len(t)), "u": inflow}
+    what = Measurement(states=("h",), inputs=("u",), time="t")
+    answer = automaton_of(measure(Table("h.csv", columns, {}), what), JobOptions(what, modes=2))
+    assert answer.predicts_no_better == no_better
 
 
 @pytest.mark.parametrize(("left", "is_all"), [(0.02, True), (0.05, False)])
