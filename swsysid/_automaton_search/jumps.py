@@ -26,6 +26,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.stats import chi2
 
 from swsysid._automaton_search.settings import SETTINGS
@@ -50,6 +51,8 @@ _SHARED, _FOLLOWS, _ABOUT = 5, 0.9999, 0.5
 _USUAL_MOTION = 0.75
 _AT_ONCE = 10_000  # intervals that are worked at once
 
+FEWEST_AROUND = 2 * _SIDES[0]  # samples on both sides of a jump of all states
+
 
 def jumps_of(given: Given) -> list[NDArray[np.intp]]:
     """Of each recording the samples after which its state jumps."""
@@ -59,6 +62,25 @@ def jumps_of(given: Given) -> list[NDArray[np.intp]]:
         own = _jumps_of(record, noise, given.n_positions)
         apart = np.abs(own[:, None] - record.events).min(axis=1, initial=len(record.t))
         found.append(np.union1d(known, own[apart >= _SIDES[0]]).astype(np.intp))
+    return found
+
+
+def restarts_of(given: Given, *, are_positions: bool) -> list[NDArray[np.intp]]:
+    """Of each recording the samples after which all that was measured jumps at once.
+
+    A plant resets a speed; where its positions jump as well, someone began anew. A single state
+    that is no position may be reset.
+    """
+    noise, width = noise_between_events(given), _SIDES[0]
+    found = []
+    for record in given.records:
+        certain = np.zeros(len(record.t) - 1)
+        if (given.n_channels > 1 or are_positions) and len(record.t) >= FEWEST_AROUND:
+            inside = slice(width - 1, len(record.t) - width)
+            certain[inside] = _excess(record, noise, width).min(axis=1)
+        # beside a jump parabolas miss each other by less
+        highest = maximum_filter1d(certain, FEWEST_AROUND - 1)
+        found.append(np.flatnonzero((certain > 1.0) & (certain == highest)))
     return found
 
 
@@ -100,7 +122,8 @@ def _jumps_of(record: Record, noise: Array, n_positions: int) -> NDArray[np.intp
     for width in _SIDES:
         if n >= 2 * width:
             inside = slice(width - 1, n - width)
-            certain[inside] = np.maximum(certain[inside], _excess(record, noise, width))
+            missed = _excess(record, noise, width).max(axis=1)
+            certain[inside] = np.maximum(certain[inside], missed)
             if n_positions:
                 y = record.filled[:, :n_positions]
                 turns = _turns(record.t, y, noise[:n_positions], width)
@@ -172,7 +195,10 @@ def _excess_at_end(t: Array, y: Array, noise: Array) -> Array:
 
 
 def _excess(record: Record, noise: Array, width: int) -> Array:
-    """By how much both sides of an interval miss each other, in units of what they may."""
+    """By how much both sides of an interval miss each other, in units of what they may.
+
+    Shape (n_intervals, n_channels).
+    """
     t, y = record.t, record.filled
     windows, values = sliding_window_view(t, width), sliding_window_view(y, width, axis=0)
     middles = 0.5 * (t[width - 1 : len(t) - width] + t[width : len(t) - width + 1])
@@ -184,7 +210,7 @@ def _excess(record: Record, noise: Array, width: int) -> Array:
     of_noise = SETTINGS.beyond_noise * np.sqrt(left[3] + right[3])[:, None] * noise
     most = np.maximum(*(np.abs(side[2]).max(axis=2) for side in (left, right)))
     of_curvature = _BEYOND_CURVATURE * most
-    return np.asarray((apart / (of_noise + of_curvature + np.finfo(float).tiny)).max(axis=1))
+    return np.asarray(apart / (of_noise + of_curvature + np.finfo(float).tiny))
 
 
 def _turns(t: Array, y: Array, noise: Array, width: int, *, smooth: bool = False) -> Array:

@@ -169,6 +169,11 @@ def _add_recording(add: Callable) -> None:
     )
     add("--groups", metavar="NAME", help="column that names the trajectory of each row")
     add(
+        "--restarts",
+        action="store_true",
+        help="a recording was started anew wherever all states jump at once: each part is a run",
+    )
+    add(
         "--order",
         type=int,
         choices=(1, 2),

@@ -33,6 +33,7 @@ class Measurement:
     time_unit: str | None = None  # of the column of the times; None: by its name or its steps
     # Inputs that keep their value between their rows; None: as they say themselves.
     hold: tuple[str, ...] | None = None
+    restarts: bool = False  # a new run begins wherever all states jump at once
     fmu_input: str | None = None  # file of the inputs by which a functional mock-up unit is driven
     keep_spikes: bool = False  # use cells that look like no measurement all the same
 

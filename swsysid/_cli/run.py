@@ -63,7 +63,7 @@ def _run(
         is_left_open = arguments.modes is None and not options.has_measured_rates
         if is_left_open or options.modes == 1:
             found = diagnosed(table, options, effects, is_left_open, watched)
-            several = found.several and found.several.found
+            several = None if found.several is None else found.several.found
             what = found.search, several, found.samples, found.text
             return save_diagnosis(*what, arguments.output, page, checksum)
     with own_warnings() as notes:

@@ -15,6 +15,7 @@ from swsysid._cli.clocks import fill_states, with_own_clocks
 from swsysid._cli.masking import complete_cells
 from swsysid._cli.measurement import Measurement, check_roles
 from swsysid._cli.recorded import Recorded, Steps
+from swsysid._cli.restarts import with_restarts
 from swsysid._cli.runs import Runs, runs_of
 from swsysid._cli.settings import PREPARING
 from swsysid._cli.times import in_seconds
@@ -103,6 +104,7 @@ def measure(table: Table, what: Measurement, rest: str = "thin") -> Samples:
     numbers, labels, steps, remarks = complete_cells(table, what)
     runs = _runs(table, what, numbers, labels)
     table = unwrapped(table, what, numbers, runs)
+    runs = with_restarts(runs, numbers, what, table.row)
     remarks += _still(table, what, numbers[runs.rows])
     recorded = None
     if not what.derivatives:
