@@ -1,4 +1,4 @@
-"""A test that needs measured data may skip only by rule, and some members of families run at night.
+"""A test that needs measured data may skip only by rule, and what takes long runs at night.
 
 It skips where no copy of the data was promised, and fails where one was.
 """

@@ -44,6 +44,7 @@ def test_the_recordings_say_what_a_command_does_between_rows(hold):
         assert told.score(list(recordings(hold, seed=2))) < 0.98
 
 
+@pytest.mark.nightly
 def test_a_command_that_moves_in_every_row_may_be_held():
     """Each row has two limits then, and most steps of time are none."""
     rng, t, data = np.random.default_rng(0), np.arange(0.0, 20.0, 0.1), []

@@ -98,6 +98,7 @@ def test_maps_are_held_to_it_and_closer_to_the_truth():
     assert off[0].max() < off[1].max() / 2.0  # 2.1e-2 without
 
 
+@pytest.mark.nightly
 def test_maps_are_asked_and_say_what_an_identification_without_would():
     assert not any(check.questioned for check in sampled(TIES).known_)
     found, free = sampled([*TIES[:1], "T'[W[k]] = 0.09"]), sampled(TIES[:1])
@@ -119,6 +120,7 @@ def test_what_is_known_beside_it_makes_an_error_smaller():
     assert wrong.error == pytest.approx(errors[0], rel=1e-2) and errors[0] < 0.97 * errors[1]
 
 
+@pytest.mark.nightly
 def test_a_bound_of_maps_holds_and_what_was_found_changes_nothing():
     free = sampled(None)
     value = float(free.coef_[0, 0, 1])

@@ -21,6 +21,7 @@ def disturbed(seed, slow=2.5, size=0.3):
     return recordings
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore::swsysid.GuardWarning")
 def test_waves_of_a_force_are_no_modes():
     """Where each sample counts for itself there are six."""

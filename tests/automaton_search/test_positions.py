@@ -65,6 +65,7 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(*(one.switch_times_[0] for one in both), atol=1e-4)
 
 
+@pytest.mark.nightly
 def test_a_mass_at_an_elastic_stop_has_two_laws():
     laws = [{"q": "v", "v": "-4 q - 0.3 v"}, {"q": "v", "v": "100 - 204 q - 3.3 v"}]
     switches = [(0, 1, "q >= 0.5"), (1, 0, "q <= 0.5")]

@@ -19,6 +19,7 @@ def test_so_do_dozens(ten):
     assert not {seed: told for seed, told in faults.items() if told is not None}
 
 
+@pytest.mark.nightly
 def test_all_kinds_and_degrees_are_drawn():
     drawn = [generated(seed) for seed in range(30)]
     assert {(one.kind, one.degree) for one in drawn} >= {(kind, 1) for kind in KINDS}

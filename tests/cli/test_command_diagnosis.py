@@ -82,6 +82,7 @@ def test_one_law_is_searched_as_it_was_measured_unless_modes_are_named(rubbing, 
     assert load_model(tmp_path / "out" / "model.json").n_modes_ == 1
 
 
+@pytest.mark.nightly
 def test_positions_alone_are_rolled_out_too(rubbing, tmp_path, capsys):
     columns = {name: rubbing[name] for name in ("t_s", "x_m", "u", "wind")}
     path = write_csv(tmp_path / "positions.csv", columns)
@@ -93,6 +94,7 @@ def test_positions_alone_are_rolled_out_too(rubbing, tmp_path, capsys):
     assert float(friction) == pytest.approx(0.8, rel=0.1)  # of speeds that a filter has made
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("highest", [np.inf, 0.6], ids=["rest", "clipped"])
 def test_positions_may_rest_or_leave_the_range_of_their_sensor(highest, tmp_path, capsys):
     """A mass that is left alone for six seconds, and an encoder that ends at 0.6 m."""

@@ -258,6 +258,7 @@ def test_help_and_refusals_do_not_wait_for_heavy_imports(arguments, code, senten
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+@pytest.mark.nightly
 def test_many_rows_are_all_used_and_give_the_right_law(tmp_path, capsys):
     """Noisy samples at 1 kHz, whose raw differences are nothing but noise."""
     path = write_csv(tmp_path / "fast.csv", oscillator(n_runs=4, step=1e-3, noise=1e-2))
@@ -352,6 +353,7 @@ def rubbing(tmp_path_factory):
 ROLES = ["--states", "x_m,v", "--inputs", "u", "--derivatives", "dx,dv", "--groups", "run"]
 
 
+@pytest.mark.nightly
 def test_diagnosis_of_a_file(rubbing, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments = [rubbing, *ROLES, "--time", "t_s", "--library", "linear", "--diagnose"]

@@ -34,6 +34,7 @@ def test_what_is_said_to_hold_is_held_and_not_asked(monkeypatch):
     np.testing.assert_array_equal(done.model.coef_, found)
 
 
+@pytest.mark.nightly
 def test_a_heater_of_a_plant_with_two_laws_is_held():
     """T' = 6 heater - (T - 20) / 20, and .15 (T - 60) less above 60; exact from row to row."""
     rng, rows = np.random.default_rng(3), []

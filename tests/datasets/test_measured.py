@@ -179,6 +179,7 @@ def test_emps_friction_by_least_squares_with_known_modes(fetch_measured):
             np.testing.assert_allclose(found, expected, rtol=0.02, err_msg=str(chosen))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("loss", "tolerance"), [("l1", 0.05), ("squared", 0.015)])
 def test_emps_two_modes_find_the_friction_by_themselves(fetch_measured, loss, tolerance):
     """Force and position in; out come the surface q' = 0 and the published asymmetric friction."""

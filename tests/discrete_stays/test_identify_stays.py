@@ -87,6 +87,7 @@ def test_products_with_noise(plant):
     assert right >= RIGHT_WITH_NOISE
 
 
+@pytest.mark.nightly
 def test_laws_see_less_noise_by_states_than_by_rows():
     planted = switched_arx(5, 2, 2, n_states=2, noise=0.03)
     _, error = compared(identify_stays(planted.recordings, 2, library=1), planted)
@@ -166,6 +167,7 @@ def test_a_mode_that_always_lasts_two_rows_is_one():
     assert not found.straddling.any()
 
 
+@pytest.mark.nightly
 def test_the_order_of_the_recordings_means_nothing():
     planted = switched_arx(1, 3, 1, n_recordings=4, n=200, noise=0.01)
     order = [2, 0, 3, 1]

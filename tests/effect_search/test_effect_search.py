@@ -159,6 +159,7 @@ def test_the_effect_corrects_modes_that_were_wrong_without_it():
     assert result.report_.guard_moved > 0.01
 
 
+@pytest.mark.nightly
 def test_a_declared_mode_that_stood_in_for_an_effect_is_gone_with_it_and_the_report_says_so():
     # a mass on a spring has one mode; a second one took the fast swings, until the drag was found
     rng = np.random.default_rng(0)

@@ -152,6 +152,7 @@ def test_a_surface_with_a_slope_is_no_band_of_one_state():
     assert search.effects_ == []
 
 
+@pytest.mark.nightly
 def test_a_record_that_is_fitted_in_passes_is_searched():
     # more rows than the programs hold at once, from a few starts
     n_runs, n_steps = 4, 10_250

@@ -104,6 +104,7 @@ def test_what_comes_of_a_recording_predicts_rows_as_any_other():
     np.testing.assert_allclose(run.x, test.X[:100, :2], atol=0.1 * test.X[:, 0].std())
 
 
+@pytest.mark.nightly
 def test_recordings_in_a_list_and_rows_in_any_order_are_the_same():
     data, x, u = recorded("dead_zone", "pendulum", seed=1)
     library = [DeadZone(), Polynomial()]
@@ -181,6 +182,7 @@ def test_the_picture_of_an_effect_is_its_function_of_the_channel():
     np.testing.assert_allclose(shape.contribution, -size * np.sign(shape.values), rtol=1e-12)
 
 
+@pytest.mark.nightly
 def test_a_late_sensor_is_found_although_its_velocity_is_late_with_it():
     data, x, u = recorded("clock_lag", "pendulum", seed=0)
     result = search(data, x, u, effects=[*LIBRARY, ClockLag()])

@@ -325,6 +325,7 @@ def test_friction_is_told_from_the_force_that_hides_it(friction):
     assert found.doubts == ()
 
 
+@pytest.mark.nightly
 def test_what_a_few_stretches_tell_is_not_told_where_a_force_comes_and_goes():
     data = make_undeclared(
         unlisted="intermittent_disturbance", system="oscillator", random_state=240

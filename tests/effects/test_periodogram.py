@@ -65,6 +65,7 @@ def test_a_scan_looks_about_the_highest_peaks():
     assert len(chosen) == int(6 * 2.5 * np.ptp(records.t) / (STEP * (LENGTH - 1))) < len(grid)
 
 
+@pytest.mark.nightly
 def test_a_wave_in_a_long_record_with_gaps_is_found():
     data = make_undeclared(system="pendulum", n_samples=9000, n_trajectories=9, random_state=3)
     # The trajectories are minutes apart: peaks are a sixth as wide as in a record without gaps.

@@ -33,6 +33,7 @@ def test_a_function_without_a_name_is_found_in_a_recording():
     assert after == pytest.approx(0.01, abs=0.003)  # the noise, and what few knots leave
 
 
+@pytest.mark.nightly
 def test_what_drains_from_a_tank_goes_with_the_root_of_its_level():
     """x' = .35 u - .05 sqrt(x) (Torricelli), empty at times, where noise has both signs."""
     rng, n_samples, parts = np.random.default_rng(0), 1200, 5

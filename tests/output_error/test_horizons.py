@@ -37,6 +37,7 @@ def box(seed, n_samples=2400):
     return t, T + 0.03 * rng.standard_normal(n_samples), u
 
 
+@pytest.mark.nightly
 def test_a_lag_is_told_where_what_happens_leads_rollouts_astray():
     t, T, u = box(1)
     search = EffectSearchCV(SwitchingSystemRegressor(1, feature_library=1, random_state=0))

@@ -41,6 +41,7 @@ def errors(search):
     return [model["held_out"][0] for model in search.report_["errors"]]
 
 
+@pytest.mark.nightly
 def test_a_fan_that_starts_is_no_drift():
     search = searched([box(0, draught=lambda t: -0.15 * (t > 1000.0))])
     [effect] = search.effects_
@@ -54,6 +55,7 @@ def test_a_fan_that_starts_is_no_drift():
     assert effect.formula.startswith("-0.1") and " level from t = " in effect.formula
 
 
+@pytest.mark.nightly
 def test_nothing_tells_when_that_began_which_acts_from_the_start():
     """A lid that is open until 400 s and from 900 to 1200 s, or closed at all other times."""
     data = box(0, loss=lambda t: 3.0 * LOSS if t < 400.0 or 900.0 < t < 1200.0 else LOSS)
@@ -80,6 +82,7 @@ def test_nothing_happens_where_nothing_happened():
     assert searched([box(2)]).effects_ == []
 
 
+@pytest.mark.nightly
 def test_a_lid_that_is_open_in_one_recording_of_four():
     def opened(t):
         return 2.0 * LOSS if 800.0 < t < 1100.0 else LOSS
@@ -102,6 +105,7 @@ def test_a_lid_that_is_open_in_one_recording_of_four():
     assert left[0] < 0.2 * left[1]
 
 
+@pytest.mark.nightly
 def test_a_lid_that_is_opened_twice_and_bends_the_law():
     # thrice the loss for a sixth of the record: least squares lie in between
     opened = ((300.0, 420.0), (1190.0, 1280.0))
@@ -121,6 +125,7 @@ def test_a_lid_that_is_opened_twice_and_bends_the_law():
     assert "Root mean square error of free rollouts" in search.report_.to_html()
 
 
+@pytest.mark.nightly
 def test_a_lag_shows_once_what_happened_is_known():
     """A lid that nobody has told hides the lag of the heater, or its size."""
 

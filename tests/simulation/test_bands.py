@@ -93,6 +93,7 @@ def _automaton(automaton, covariance):
     return found
 
 
+@pytest.mark.nightly
 def test_a_band_of_recordings_is_as_wide_as_their_answers_differ(tmp_path):
     """Errors of rollouts in units of the band, over draws of the noise, have spread one."""
     plant, t = (

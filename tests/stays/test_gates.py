@@ -114,6 +114,7 @@ def test_a_square_of_two_levels_is_no_feature_of_a_surface():
     assert -surface.coef_[0, 0] / surface.coef_[0, 2] == pytest.approx(0.5, abs=1e-6)
 
 
+@pytest.mark.nightly
 def test_a_mode_of_which_no_sample_has_both_neighbours_is_no_error():
     """A ball that jumps in one mode: what a second mode takes of it are single samples."""
     ball = HybridAutomaton.stated(
@@ -127,6 +128,7 @@ def test_a_mode_of_which_no_sample_has_both_neighbours_is_no_error():
     assert not found.report_.rollouts.holds
 
 
+@pytest.mark.nightly
 def test_a_law_with_products_of_the_gate_is_no_rival_of_the_modes_that_it_tells():
     recordings, _ = converter(0)
     asked = SwitchingSystemRegressor(feature_library=1, random_state=0)
@@ -137,6 +139,7 @@ def test_a_law_with_products_of_the_gate_is_no_rival_of_the_modes_that_it_tells(
     assert "One mode with quadratic terms is the same model" in told.sentence
 
 
+@pytest.mark.nightly
 def test_the_noise_of_a_gate_on_an_analog_channel_is_left_out():
     recordings, instants = converter(0, levels=(0.02, 4.98), noise=0.02)
     rng = np.random.default_rng(7)

@@ -207,6 +207,7 @@ def test_a_step_stays_between_the_samples_around_it():
     np.testing.assert_array_equal(moved.u, recordings.u)
 
 
+@pytest.mark.nightly
 def test_a_staircase_is_held_beside_modes_that_it_decides():
     """A dead zone of a command: one law, and two, make up for the third by lines between rows."""
     rng = np.random.default_rng(3)

@@ -57,6 +57,7 @@ def test_what_is_said_twice_is_asked_once():
     assert other.value == pytest.approx(1.0, abs=4.0 * other.error) and not other.questioned
 
 
+@pytest.mark.nightly
 def test_what_is_wrong_twice_is_found_in_both():
     """Either of two sentences holds what the other one says."""
     found = identified(softer(), ["x' = 1.05 v", "x'[v] = 1.05", "x'[x] same in all modes"])
@@ -66,6 +67,7 @@ def test_what_is_wrong_twice_is_found_in_both():
     assert not tie.questioned
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("sparsity", [None, "auto"])
 def test_what_is_grossly_wrong_distorts_the_modes_and_is_found(sparsity):
     """README's oscillator: with one damping the modes settle where no small step is a gain."""

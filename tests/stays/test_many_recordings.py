@@ -71,6 +71,7 @@ def assert_bit_equal(one, other):
         np.testing.assert_array_equal(own, theirs)
 
 
+@pytest.mark.nightly
 def test_what_single_recordings_say_adds_up_to_what_all_say(known, one_by_one):
     free = known.coef_errors_ > 0.0
     off = np.abs(one_by_one.estimator_.coef_ - known.estimator_.coef_)  # .02 nats: .2 errors
@@ -182,5 +183,6 @@ def test_recordings_that_make_no_sense_are_refused(listed, arguments, error, sen
         identifier().fit(listed, **arguments)
 
 
+@pytest.mark.nightly
 def test_a_list_in_memory_is_no_such_source():
     assert many_recordings(some(0, 2)) is None and many_recordings(np.zeros((3, 2))) is None

@@ -192,6 +192,7 @@ def test_the_line_between_two_laws_comes_out_as_a_line():
     assert first.shortfall < 0.0
 
 
+@pytest.mark.nightly
 def test_few_monomials_beat_all_of_them_under_noise():
     gained = []
     for seed in range(2):

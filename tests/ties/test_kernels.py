@@ -20,10 +20,12 @@ def kernels():
     return found
 
 
+@pytest.mark.nightly
 def test_fits_searches_and_their_ties_are_the_same_on_every_processor(kernels, tmp_path):
     assert kernels.different([str(ANSWERS)], tmp_path) == []
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("example", SHORT, ids=lambda path: path.stem)
 def test_examples_print_the_same_on_every_processor(kernels, example, tmp_path):
     assert kernels.different(command(example), tmp_path) == []

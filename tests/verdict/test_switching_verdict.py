@@ -80,6 +80,7 @@ def test_a_planted_switch_is_trusted(contact):
     assert repr(verdict) == "SwitchingVerdict(SWITCHES, n_modes=2, trusted)"
 
 
+@pytest.mark.nightly
 def test_what_is_known_holds_in_the_verdict_too():
     """What is true leaves what held-out rollouts leave; what is 10 % off does not."""
     plant = make_damped_oscillator(None, n_trajectories=4, time_step=0.05, random_state=0)
@@ -116,6 +117,7 @@ def test_it_is_what_the_command_line_prints(contact, tmp_path, capsys):
     assert f"\n\n{verdict.table()}\n\n{verdict.sentence}\n" in printed
 
 
+@pytest.mark.nightly
 def test_modes_of_a_smooth_law_are_not_trusted():
     t = np.arange(0.0, 4.0, 0.04)
     runs = noisy([CUBIC.simulate([x0], t).x for x0 in (-1.9, -0.05, 0.1, 1.7, 0.3, -0.6)])
@@ -241,6 +243,7 @@ def test_a_ball_in_a_short_video_is_no_smooth_law():
     assert verdict.comparison.n_blocks == 4 and verdict.improvement > 0.9
 
 
+@pytest.mark.nightly
 @pytest.mark.filterwarnings("ignore:The switches")  # a GuardWarning says so, too
 def test_modes_that_somebody_switches_are_there_and_the_model_is_not_trusted():
     """A valve is opened and closed at will: the level rises to 2 or falls to 0."""
