@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +23,29 @@ class Inequality:
     """Where a surface is positive, such as ``"x > 0.02 m"``, and where negative.
 
     They are "everywhere" and "nowhere" if all samples are on one side. `share` is that of the
-    samples which the words put on the same side as the surface.
+    samples which the words put on the same side as the surface. One that compares columns with a
+    number has their `sum` and that `level`, above which the surface is positive if it `rises`.
     """
 
     positive: str
     negative: str
     share: float
+    sum: str = field(default="", repr=False)
+    level: float = field(default=np.nan, repr=False)
+    rises: bool = field(default=True, repr=False)
+
+    def side(self, sign: int) -> _Side:
+        """One of both."""
+        words, is_above = self.positive if sign > 0 else self.negative, (sign > 0) == self.rises
+        return _Side(words, (self.sum, is_above), self.level if is_above else -self.level)
+
+
+class _Side(NamedTuple):
+    """A side in words; of several that bound a sum from one side the tightest says all."""
+
+    words: str
+    bounds: tuple[str, bool]
+    tightness: float
 
 
 def regions(surface: MarginClassifier, samples: Samples) -> list[str]:
@@ -41,10 +59,14 @@ def regions(surface: MarginClassifier, samples: Samples) -> list[str]:
     lines = []
     for mode, signs in zip(surface.classes_, surface.mode_book_, strict=True):
         of = [(each, sign) for each, sign in zip(told, signs, strict=True) if sign]
-        sides = [each.positive if sign > 0 else each.negative for each, sign in of]
-        limits = [side for side in sides if side != "everywhere"]
+        sides = [each.side(sign) for each, sign in of]
+        limits = [
+            side.words for side in sides if side.words != "everywhere" and _bounds(side, sides)
+        ]
         where = f"where {' and '.join(limits)}" if limits else "everywhere"
-        lines.append(f"mode {mode} {'nowhere' if 'nowhere' in sides else where}")
+        lines.append(
+            f"mode {mode} {'nowhere' if any(side.words == 'nowhere' for side in sides) else where}"
+        )
     share = min(each.share for each in told)
     if share < 1.0:
         lines.append(
@@ -110,7 +132,17 @@ def inequality(
         right += f" {'+' if threshold > 0.0 else '-'} {constant}"
     elif not right:
         right = f"-{constant}" if threshold < 0.0 else constant
-    return Inequality(*_turned(f"{left} > {right}", f"{left} < {right}", coef[lead]), share)
+    words = _turned(f"{left} > {right}", f"{left} < {right}", coef[lead])
+    if len(terms) != 1:
+        return Inequality(*words, share)
+    return Inequality(*words, share, left, threshold, bool(coef[lead] > 0.0))
+
+
+def _bounds(side: _Side, sides: Sequence[_Side]) -> bool:
+    """Whether no other one says the same of the same sum, and more."""
+    return not any(
+        other.bounds == side.bounds and other.tightness > side.tightness for other in sides
+    )
 
 
 def _turned(above: str, below: str, coef: float) -> tuple[str, str]:

@@ -1,5 +1,6 @@
 """What the command line says of modes that physics has a name for."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -141,3 +142,17 @@ def test_a_surface_of_a_higher_degree_is_asked_for_where_it_tells_the_modes():
     remembered = np.where(np.abs(X[:, 0]) > 0.5, X[:, 0] > 0.0, by_chance)
     assert higher_surface(by_chance.astype(int), columns, 1) == ""
     assert higher_surface(remembered.astype(int), columns, 1) == ""
+
+
+def test_of_several_bounds_of_a_column_the_tightest_says_all():
+    """A rate that saturates at -1 and 1: three surfaces part three modes by thresholds of x."""
+    x = np.linspace(-3.0, 3.0, 601)
+    columns = {"x": x, "dx": np.clip(2.0 * x, -1.0, 1.0)}
+    what = Measurement(states=("x",), derivatives=("dx",))
+    text = render(run_job(Table("made.csv", columns, {}), JobOptions(what, modes=3)))
+    regions = re.findall(r"mode \d where (x .*)", text)
+    bounds = [[float(one.split()[2]) for one in region.split(" and ")] for region in regions]
+    # the samples are .01 apart
+    assert sorted(len(each) for each in bounds) == [1, 1, 2]
+    for each in bounds:
+        assert np.abs(each) == pytest.approx(0.5, abs=0.02)
