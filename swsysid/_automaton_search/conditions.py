@@ -55,13 +55,13 @@ class Exits:
     ) -> Exits:
         """Those of rows with the numbers of their stays, and of the stays that are left.
 
-        Each of these with the row at which it is; one without rows of its own is none.
+        Each of these with the row at which it is, though it may have no row of its own.
         """
-        numbers, lengths = np.unique(stays, return_counts=True)
-        own = np.isin(left, numbers)
-        which, every = np.searchsorted(numbers, left[own]), np.full(len(numbers), -1)
-        every[which] = targets[own]
-        rows = np.insert(rows, np.cumsum(lengths)[which], reached[own], axis=0)
+        numbers, order = np.union1d(stays, left), np.argsort(left)
+        lengths = np.diff(np.searchsorted(stays, np.append(numbers, np.inf)))
+        which, every = np.searchsorted(numbers, left[order]), np.full(len(numbers), -1)
+        every[which] = targets[order]
+        rows = np.insert(rows, np.cumsum(lengths)[which], reached[order], axis=0)
         return cls(rows, lengths + (every >= 0), every)
 
     @cached_property

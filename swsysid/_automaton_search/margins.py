@@ -67,12 +67,15 @@ class Sides:
         Where it is below zero, and where it is not.
     last, reached : ndarray of shape (n_switches, n_columns)
         At the row before each switch, where it is below zero, and what it was given at the switch.
+    asked : ndarray of bool, shape (n_switches,), optional
+        Where it was asked at the row before: a mode may be entered there beyond its guard.
     """
 
     below: Array
     above: Array
     last: Array
     reached: Array
+    asked: NDArray[np.bool_] | None = None
 
     @property
     def random(self) -> float:
@@ -87,15 +90,23 @@ class Sides:
         beyond = np.maximum(0.0, np.append(below, -above))
         return float(np.fmin(_SLACK_PRICE * beyond, self.random).sum())
 
+    @property
+    def crossed(self) -> Sides:
+        """The same with the switches before which it was asked alone, if there are some."""
+        if self.asked is None or not self.asked.any():
+            return self
+        return replace(self, last=self.last[self.asked], reached=self.reached[self.asked])
+
     def joined(self, back: Sides) -> Sides:
         """Those of one surface that is also crossed back; it does not see the clocks."""
-        both = Sides(
+        there, back = self.crossed, back.crossed
+        both = (
             self.below,
             back.below,
-            np.vstack([self.last, back.reached]),
-            np.vstack([self.reached, back.last]),
+            np.vstack([there.last, back.reached]),
+            np.vstack([there.reached, back.last]),
         )
-        return Sides(*(without_clocks(part) for part in vars(both).values()))
+        return Sides(*map(without_clocks, both))
 
 
 def guard_with_margin(
@@ -135,10 +146,11 @@ def surface_with_margin(
 def _stated(guard: PolynomialGuard, sides: Sides) -> FoundGuard | None:
     """A guard that is known but for its sign and scale."""
     used = np.flatnonzero(guard.powers.any(axis=0))
-    seen = known(sides.last, used) & known(sides.reached, used)
+    crossed = sides.crossed
+    seen = known(crossed.last, used) & known(crossed.reached, used)
     if not seen.any():
         return None
-    rising = (guard.values(sides.reached[seen]) - guard.values(sides.last[seen])).mean()
+    rising = (guard.values(crossed.reached[seen]) - guard.values(crossed.last[seen])).mean()
     if not np.abs(rising) > 0.0:
         return None
     scaled = PolynomialGuard(guard.coef / rising, guard.powers)
@@ -176,9 +188,13 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int, most: float) -
     if basis is None or not seen.any() or len(basis.powers) > seen.sum() + 1:
         return None
     below, above = (basis.values(rows[known(rows, some)]) for rows in (sides.below, sides.above))
-    before, at = basis.values(sides.last[seen]), basis.values(sides.reached[seen])
+    at, crossed = basis.values(sides.reached[seen]), sides.crossed
+    both = known(crossed.last, some) & known(crossed.reached, some)
+    if not both.any():
+        return None
+    before = basis.values(crossed.last[both])
     below = np.vstack([below, before])
-    rising = (at - before).mean(axis=0)
+    rising = (basis.values(crossed.reached[both]) - before).mean(axis=0)
     if not np.linalg.norm(rising) > 0.0:
         return None
 
@@ -234,7 +250,10 @@ def _between(guard: PolynomialGuard, sides: Sides) -> tuple[Array, int]:
     used = guard.powers.any(axis=0)
     below, above = (
         rows[known(rows, np.flatnonzero(used))]
-        for rows in (np.vstack([sides.below, sides.last]), np.vstack([sides.above, sides.reached]))
+        for rows in (
+            np.vstack([sides.below, sides.crossed.last]),
+            np.vstack([sides.above, sides.reached]),
+        )
     )
     signs = np.repeat([-1.0, 1.0], [len(below), len(above)])
     terms = Monomials(guard.powers)(np.vstack([below, above])) * signs[:, None]

@@ -41,6 +41,7 @@ class Taken:
     last: Array  # (n_taken, n_columns): columns at the row before
     given: Array  # what guard and reset were given
     after: Array  # (n_taken, n_lagged)
+    asked: NDArray[np.bool_]  # whether guards were asked at the row before
 
     def __len__(self) -> int:
         return len(self.times)
@@ -141,7 +142,7 @@ class ModeRows:
                                                             strict=True)]  # fmt: skip
         return Taken(
             at, rows.recording[at], self.modes[before], self.modes[at], np.array(times),
-            jumped | anew, self.columns[before], reached, after,
+            jumped | anew, self.columns[before], reached, after, ~self._passed[before],
         )  # fmt: skip
 
     def older(self, at: NDArray[np.intp], modes: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -200,17 +201,27 @@ class ModeRows:
         return surfaces
 
     def inside(self, mode: int) -> Array:
-        """Columns at the rows of a mode."""
-        return self.columns[(self.modes == mode) & ~self.stays.straddling]
+        """Columns at the rows of a mode at which its guards were asked."""
+        return self.columns[self._asked(mode)]
+
+    def _asked(self, mode: int) -> NDArray[np.bool_]:
+        return (self.modes == mode) & ~self.stays.straddling & ~self._passed
+
+    @property
+    def _passed(self) -> NDArray[np.bool_]:
+        """Rows at which a mode is entered to be left at the next one.
+
+        One transition is taken at a sample: a mode may be entered beyond the guard that leaves it.
+        """
+        return self._entered & np.append(self._entered[1:], False)
 
     def exits(self, mode: int) -> Exits:
         """The stays in a mode, with the row at which each is left."""
-        inside = (self.modes == mode) & ~self.stays.straddling
+        inside = self._asked(mode)
         number = np.cumsum(self._entered | self.stays.rows.begins, dtype=np.intp)
-        left = number[self.taken.rows - 1]
-        return Exits.of(
-            self.columns[inside], number[inside], left, self.taken.given, self.taken.target
-        )
+        taken = self.taken.take(self.taken.source == mode)
+        left = number[taken.rows - 1]
+        return Exits.of(self.columns[inside], number[inside], left, taken.given, taken.target)
 
     def with_ends(
         self, found: Sequence[FoundTransition]

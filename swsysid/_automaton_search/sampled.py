@@ -273,7 +273,7 @@ def transitions_of(rows: ModeRows, degree: int) -> list[FoundTransition]:
     known: list[PolynomialGuard] = []
     # the most frequent first: what is seen seldom may share its guard with what is seen often
     for pair, own in sorted(taken.items(), key=lambda one: -len(one[1])):
-        sides = Sides(rows.inside(pair[0]), own.given, own.last, own.given)
+        sides = Sides(rows.inside(pair[0]), own.given, own.last, own.given, own.asked)
         stated = [*rows.agreements(pair, degree), *known]
         guard = guard_with_margin(sides, degree, stated)
         known += [] if guard is None or guard.beyond else [guard.guard]
@@ -305,7 +305,8 @@ def _certificate(one: FoundTransition, rows: ModeRows) -> Certificate:
         return UNKNOWN
     taken = rows.taken
     own = taken.take(_is_of(one, taken))
-    return certificate(one.guard.whole, rows.inside(one.source), own.last, own.given)
+    sides = Sides(rows.inside(one.source), own.given, own.last, own.given, own.asked).crossed
+    return certificate(one.guard.whole, sides.below, sides.last, sides.reached)
 
 
 def _pairs_of(taken: Taken) -> NDArray[np.intp]:
@@ -379,7 +380,7 @@ def _of_one_surface(
     if any(one.jumps or one.guard is None for one in both):
         return both
     there, back = (
-        Sides(rows.inside(one.source), rows.inside(one.target), own.last, own.given)
+        Sides(rows.inside(one.source), rows.inside(one.target), own.last, own.given, own.asked)
         for one in both
         for own in [taken[one.source, one.target]]
     )

@@ -40,7 +40,8 @@ def with_lent_guards(
     def guard_of(guard: FoundGuard, some: Sequence[FoundTransition]) -> FoundGuard | None:
         own = [taken[one.source, one.target] for one in some]
         given, last = np.vstack([one.given for one in own]), np.vstack([one.last for one in own])
-        sides = Sides(inside(some[0].source), given, last, given)
+        asked = np.concatenate([one.asked for one in own])
+        sides = Sides(inside(some[0].source), given, last, given, asked)
         again = guard_of_columns(sides, guard.some, degree)
         return None if again is None else replace(again, rivals=guard.rivals, also=guard.also)
 

@@ -1,13 +1,12 @@
 """Automata that others published, found by the documented way: a leaderboard.
 
     python -m benchmarks.automata.others [FOLDER] [--gallery FOLDER] [--hautlearn FOLDER]
-                                         [--names ATVA/ball ...] [--noise 0] [--limit 60]
+                                         [--famos FOLDER] [--names ATVA/ball ...] [--noise 0] [--limit 60]
                                          [--output FOLDER] [--docs docs]
 
 FOLDER has the JSON files of DAINARX, as its repositories keep them beneath ``automata``; the
-gallery is that of Flowcean: Python, which is imported; the examples of HAutLearn are MATLAB's
-recordings. Figures of what is not asked stay as they
-were. Another method is scored by `scoring.score`: model in, figures out. Seconds are CPU seconds of
+gallery is that of Flowcean: Python, which is imported; the examples of HAutLearn and of FaMoS are
+MATLAB's recordings. Figures of what is not asked stay as they were. Another method is scored by `scoring.score`: model in, figures out. Seconds are CPU seconds of
 the fit.
 """
 
@@ -19,6 +18,7 @@ import math
 from benchmarks import pages
 from benchmarks.automata.__main__ import limited
 from benchmarks.automata.others.dainarx import Recorded, published
+from benchmarks.automata.others.famos import traces
 from benchmarks.automata.others.flowcean import gallery
 from benchmarks.automata.others.hautlearn import examples
 from benchmarks.automata.others.ours import Ours, ours
@@ -33,6 +33,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("folder", nargs="?", help="of descriptions, with all folders beneath")
     parser.add_argument("--gallery", help="hybrid_systems/benchmarks of Flowcean, which is run")
     parser.add_argument("--hautlearn", help="folder of the examples of HAutLearn")
+    parser.add_argument("--famos", help="folder of the examples of FaMoS")
     parser.add_argument("--names", nargs="+", help="of these alone")
     parser.add_argument("--noise", type=float, default=0.0, help="of the spread of each state")
     parser.add_argument("--limit", type=float, default=60.0, help="CPU seconds of a fit")
@@ -48,6 +49,7 @@ def main(arguments: list[str] | None = None) -> None:
     every: list[Published] = [] if options.folder is None else [*published(options.folder)]
     every += [] if options.gallery is None else gallery(options.gallery)
     every += [] if options.hautlearn is None else examples(options.hautlearn)
+    every += [] if options.famos is None else traces(options.famos)
     for automaton in every:
         if options.names and automaton.name not in options.names:
             continue

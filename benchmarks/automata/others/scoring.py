@@ -156,7 +156,8 @@ def _at_guards(
     """Share of the switches whose states are at the guard that the model has for them.
 
     A guard is passed from the last sample before a switch to the next, or where states would have
-    been then, had they gone on: after a jump they are elsewhere.
+    been then, had they gone on: after a jump they are elsewhere. One transition is taken at a
+    sample: a mode that is entered at one and left at the next may be entered beyond its guard.
     """
     starts = np.cumsum([0, *(len(one.t) for one in training)])
     places = np.setdiff1d(np.flatnonzero(np.diff(true)) + 1, starts)
@@ -168,7 +169,8 @@ def _at_guards(
         before, after = passed[own - 1], passed[own]
         first = np.isin(own - 1, starts)
         gone_on = np.where(first, after, 2.0 * before - passed[own - 2])
-        passes = (before < 0.0) & (np.maximum(after, gone_on) >= 0.0)
+        entered = first | (true[own - 1] != true[own - 2])
+        passes = ((before < 0.0) | entered) & (np.maximum(after, gone_on) >= 0.0)
         apart = np.minimum(np.abs(before), np.abs(after))
         off[np.ravel(which) == number] = np.where(passes, 0.0, apart)
     return float(np.mean(off <= AT_GUARD)) if len(off) else 1.0
