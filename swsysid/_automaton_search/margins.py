@@ -21,7 +21,8 @@ bent, is known from the laws and has nothing to be paid for.
 
 A threshold may be anywhere between the nearest rows on both sides, w apart. One that somebody has
 set is a short number, and by chance one of step s lies there in w / s of the cases: where that is
-rare the threshold is this number, else the middle.
+rare the threshold is this number, else the middle. So it is with the coefficients of a plane, the
+largest of which is one.
 """
 
 from __future__ import annotations
@@ -206,8 +207,8 @@ def _of_degree(sides: Sides, some: NDArray[np.intp], degree: int, most: float) -
     if not tried:
         return None
     coef = min(tried, key=unsaid)
-    if len(coef) == 2:
-        coef = _with_short_number(coef, np.concatenate([below, above, at]) @ coef, basis)
+    if basis.powers.sum(axis=1).max() == 1:
+        coef = _with_short_numbers(coef, np.concatenate([below, above, at]), basis)
     cost = unsaid(coef) + basis.price(len(seen), int((~seen).sum()), sides.random, chance=1.0)
     misses = np.full(len(seen), np.nan)
     misses[seen] = np.maximum(0.0, -(at @ coef))
@@ -319,23 +320,45 @@ def _threshold(below: Array, above: Array, rising: Array) -> Array:
     return np.array([constant, 1.0 / rising[1]])
 
 
-def _with_short_number(coef: Array, values: Array, basis: FewColumns) -> Array:
-    """A threshold at the shortest number between the nearest rows, where there rarely is one.
+def _with_short_numbers(coef: Array, rows: Array, basis: FewColumns) -> Array:
+    """A plane with the shortest numbers between the nearest rows, where there rarely are any.
 
-    `values` are those of all rows. It is as it was where one is at zero.
+    They are the coefficients of all columns but the one that counts most, whose own is one, and
+    then the threshold. `rows` are all there are; the plane is as it was where one is at zero.
     """
-    nearest = [values[values < 0.0].max(initial=-np.inf), values[values >= 0.0].min(initial=np.inf)]
-    if not np.isfinite(nearest).all() or (np.abs(values) <= SETTINGS.exact).any():
+    if (np.abs(rows @ coef) <= SETTINGS.exact).any():
         return coef
-    of_rows = (np.array([nearest[0], 0.0, nearest[1]]) - coef[0]) / coef[1]
-    low, middle, high = np.sort(basis.centre[0] + basis.spread[0] * of_rows)
-    largest = math.ceil(math.log10(abs(middle) + basis.spread[0]))
-    least = math.ceil(math.log10((high - low) / _BY_CHANCE))
-    for digits in range(-largest, 1 - least):
-        short = round(float(middle), digits)
+    varies = basis.powers.any(axis=1)
+    centre = basis.powers @ basis.centre
+    spread = np.where(varies, basis.powers @ basis.spread, 1.0)
+    # in the units of the columns, of which the constant is what is left at zero
+    terms, own = np.where(varies, centre + spread * rows, 1.0), coef / spread
+    own = np.where(varies, own, own - own @ centre)
+    lead = int(np.argmax(np.where(varies, np.abs(coef), -1.0)))
+    unit, scales = own[lead], spread[lead] / spread
+    own = own / unit
+    for k in np.argsort(~varies, kind="stable"):
+        if k != lead:
+            values, seen = terms @ own, terms[:, k] != 0.0
+            at_zero = own[k] - values[seen] / terms[seen, k]
+            is_below = (values[seen] >= 0.0) == (terms[seen, k] > 0.0)
+            low = at_zero[is_below].max(initial=-np.inf)
+            high = at_zero[~is_below].min(initial=np.inf)
+            own[k] = _short_number(float(own[k]), low, high, scales[k])
+    own = np.where(varies, own, own + own @ centre)
+    return np.asarray(own * spread * unit)
+
+
+def _short_number(number: float, low: float, high: float, scale: float) -> float:
+    """The shortest number between two others, where there rarely is one; else `number`."""
+    if not np.isfinite([low, high]).all():
+        return number
+    largest = math.ceil(math.log10(abs(number) + scale))
+    for digits in range(-largest, 1 - math.ceil(math.log10((high - low) / _BY_CHANCE))):
+        short = round(number, digits)
         if low < short < high:
-            return np.array([-coef[1] * (short - basis.centre[0]) / basis.spread[0], coef[1]])
-    return coef
+            return short
+    return number
 
 
 def _program(signed: Array, rising: Array) -> tuple[Array, float] | None:

@@ -88,6 +88,42 @@ def test_a_plane_of_two_columns_separates():
     assert np.flatnonzero(terms.any(axis=0)).tolist() == [0, 1]
 
 
+@pytest.mark.parametrize(("by_input", "told"), [(-1.0, -1.0), (0.5, 0.5), (-0.8713, None)])
+def test_coefficients_of_a_plane_are_the_short_numbers_that_hardly_lie_there_by_chance(
+    by_input, told
+):
+    """A threshold of 25 that an input moves, x + b u >= 25: rows are up to .01 off it."""
+    u = RNG.integers(0, 2, 400).astype(float)
+    apart = np.append(RNG.uniform(0.0, 2.0, 380), np.full(20, 0.01))
+    below = np.column_stack([25.0 - by_input * u - apart - 1e-3, u])
+    last, reached = below[-20:], below[-20:] + [0.02, 0.0]
+    found = guard_with_margin(one_way(below, last, reached), degree=1)
+    constant, x, moved = (
+        found.guard.coef[(found.guard.powers == powers).all(axis=1)][0]
+        for powers in ([0, 0], [1, 0], [0, 1])
+    )
+    assert constant / x == pytest.approx(-25.0, abs=1e-9)
+    if told is None:  # no number of two digits is between the rows
+        assert moved / x == pytest.approx(by_input, abs=0.02)
+    else:
+        assert moved / x == pytest.approx(told, abs=1e-9)
+
+
+def test_a_mode_may_be_entered_beyond_the_guard_that_leaves_it():
+    """Of 30 switches beyond 3 ten leave a mode that was entered at the row before, at 3.5."""
+    below = RNG.uniform(0.0, 2.9, (200, 1))
+    last = np.append(np.full((20, 1), 2.9), np.full((10, 1), 3.5), axis=0)
+    reached = np.append(np.full((20, 1), 3.1), np.full((10, 1), 3.6), axis=0)
+    asked = np.arange(30) < 20
+    told, blind = (
+        guard_with_margin(Sides(below, reached, last, reached, one), degree=1)
+        for one in (asked, None)
+    )
+    assert told.beyond == 0 and blind.beyond == 10
+    np.testing.assert_allclose(told.guard.values(np.array([[3.0]])), 0.0, atol=1e-9)
+    assert told.cost < blind.cost
+
+
 def test_a_row_on_the_wrong_side_costs_and_is_left_there():
     below = np.append(np.linspace(0.0, 2.0, 50), 5.0)[:, None]  # one among fifty is misread
     last, reached = np.full((20, 1), 1.9), np.linspace(2.5, 3.0, 20)[:, None]

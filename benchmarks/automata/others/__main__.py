@@ -1,13 +1,13 @@
 """Automata that others published, found by the documented way: a leaderboard.
 
     python -m benchmarks.automata.others [FOLDER] [--gallery FOLDER] [--hautlearn FOLDER]
-                                         [--famos FOLDER] [--names ATVA/ball ...] [--noise 0] [--limit 60]
-                                         [--output FOLDER] [--docs docs]
+                                         [--famos FOLDER] [--names ATVA/ball ...] [--noise 0]
+                                         [--limit 60] [--output FOLDER] [--docs docs]
 
 FOLDER has the JSON files of DAINARX, as its repositories keep them beneath ``automata``; the
 gallery is that of Flowcean: Python, which is imported; the examples of HAutLearn and of FaMoS are
-MATLAB's recordings. Figures of what is not asked stay as they were. Another method is scored by `scoring.score`: model in, figures out. Seconds are CPU seconds of
-the fit.
+MATLAB's recordings. Figures of what is not asked stay as they were. Another method is scored by
+`scoring.score`: model in, figures out. Seconds are CPU seconds of the fit.
 """
 
 from __future__ import annotations
