@@ -101,13 +101,12 @@ class Sides:
     def joined(self, back: Sides) -> Sides:
         """Those of one surface that is also crossed back; it does not see the clocks."""
         there, back = self.crossed, back.crossed
-        both = (
-            self.below,
-            back.below,
-            np.vstack([there.last, back.reached]),
-            np.vstack([there.reached, back.last]),
+        return Sides(
+            without_clocks(self.below),
+            without_clocks(back.below),
+            without_clocks(np.vstack([there.last, back.reached])),
+            without_clocks(np.vstack([there.reached, back.last])),
         )
-        return Sides(*map(without_clocks, both))
 
 
 def guard_with_margin(
