@@ -69,8 +69,8 @@ UNLISTED = (
 SENSITIVITY = "python -m benchmarks.sensitivity --records 4 --first-record 515 --docs docs"
 CALIBRATION = "python -m benchmarks.calibration --seeds 3 --rare 12 --first-seed 2200 --docs docs"
 OTHERS = (
-    "python -m benchmarks.automata.others FOLDER --gallery FOLDER --hautlearn FOLDER --limit 60 "
-    "--docs docs"
+    "python -m benchmarks.automata.others FOLDER --gallery FOLDER --hautlearn FOLDER "
+    "--famos FOLDER --limit 60 --docs docs"
 )
 LABORATORY = "python -m benchmarks.laboratory --docs docs"
 PAGES = (
