@@ -7,7 +7,8 @@ the sensitivity to the instant is the difference of the two velocities, carried 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +42,7 @@ class Switching(NamedTuple):
 
     legs: Legs
     by_instant: Array  # (n_switches + n_stepping, n_states)
-    crossings: Crossings  # of the switches
+    crossings: Callable[[], Crossings]  # of the switches, where a surface asks for them
 
 
 def steady_legs(laws: Laws, nodes: Nodes, states: Array) -> Iterator[Legs]:
@@ -113,7 +114,7 @@ def switching(
     Z[:, np.arange(n_states), np.arange(n_states)] = 1.0
     x, Z = laws.varied_step(at.old, at.x, Z, at.u, at.middle, at.share * at.steps)
     rate = slope_of(at.u, at.after, at.steps)
-    crossings = _crossings(laws, nodes, at, x, Z)
+    crossings = partial(_crossings, laws, nodes, at, x, Z)
     moving = laws.velocities(at.old, x, at.before, rate)[:, :, None]
     if resets is not None:
         taken = np.append(nodes.transitions, np.full(len(nodes.stepping), -1))

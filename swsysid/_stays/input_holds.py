@@ -29,11 +29,11 @@ from swsysid._stays.identification import leaves_noise
 from swsysid._stays.lifted import Estimate
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.origin import Origin
-from swsysid._stays.pieces import between_jumps
+from swsysid._stays.pieces import between_jumps, part_of
 from swsysid._stays.recordings import Recordings
 from swsysid._stays.samples import states_of
 from swsysid._stays.search import Search
-from swsysid._stays.settings import StaySettings
+from swsysid._stays.settings import LIMITS, StaySettings
 
 
 def hold_sentences(
@@ -92,6 +92,7 @@ def holds_of(
     with Search.quietly():
         given = without_clipped(between_jumps(given).given)
         given = Origin.of(given, estimator, order).counted(given)
+        given = part_of(given, LIMITS.samples_of_holds) or given
         search = Search(estimator, given, order, None, settings, lambda: None)
         if search.is_exact:
             return lines

@@ -236,7 +236,8 @@ class Objective:
         rows = nodes.intervals_of_instants
         if len(rows):
             switches = switching(estimate.motion, nodes, states, resets, n_laws + n_guards)
-        misses = None if switches is None or guards is None else guards.misses(switches.crossings)
+        crossings = None if switches is None or guards is None else switches.crossings()
+        misses = None if crossings is None or guards is None else guards.misses(crossings)
         equations = NodeEquations(
             (len(nodes), states.shape[1]),
             n_laws=n_laws,
@@ -262,8 +263,8 @@ class Objective:
             known = np.append(nodes.in_steps, np.zeros(len(nodes.stepping), dtype=bool))
             ends = np.append(np.zeros(len(nodes.at), dtype=np.intp), nodes.ends_of_steps)
             equations.hold_instants(known, ends)
-            if guards is not None and misses is not None:
-                self._add_guards(equations, nodes, guards, misses, switches.crossings)
+            if guards is not None and misses is not None and crossings is not None:
+                self._add_guards(equations, nodes, guards, misses, crossings)
                 equations.keep_instants()
         return equations
 

@@ -255,18 +255,20 @@ class Nodes:
         there = self.begins[self.at]
         held = np.clip(instants, self.t[there], np.nextafter(self.t[there + 1], -np.inf))
         instants = np.where(self.in_steps, held, instants)
-        parts = np.split(instants, np.cumsum([len(one.instants) for one in self.stays])[:-1])
+        ends = np.cumsum([len(one.instants) for one in self.stays])[:-1]
         own, (low, high) = self.begins[self.at], self._bounds.T
         within = np.clip(instants, low, np.maximum(low, np.nextafter(high, low)))
-        if (within == instants).all() and (self.t[own] <= instants).all():
-            if (instants < self.t[own + 1]).all():  # all but the instants is as it was
-                other = copy(self)
-                other.instants = instants
-                pairs = zip(self.stays, parts, strict=True)
-                other.stays = [replace(one, instants=part) for one, part in pairs]
-                return other
-        triples = zip(self.stays, parts, self.recordings.times, strict=True)
-        return self.with_stays([stays.moved(part, t) for stays, part, t in triples])
+        passes = (within != instants) | (instants < self.t[own]) | (instants >= self.t[own + 1])
+        each = self.stays, np.split(instants, ends), np.split(passes, ends), self.recordings.times
+        stays = [
+            one.moved(part, t) if some.any() else replace(one, instants=part)
+            for one, part, some, t in zip(*each, strict=True)
+        ]
+        if passes.any():
+            return self.with_stays(stays)
+        other = copy(self)  # all but the instants is as it was
+        other.instants, other.stays = instants, stays
+        return other
 
     @cached_property
     def _bounds(self) -> Array:

@@ -110,16 +110,14 @@ def whole(given: Given) -> Pieces:
     return cut_at(given, [np.zeros(0, dtype=np.intp)] * len(given.records))
 
 
-def part_of(given: Given) -> Given | None:
-    """Stretches spread evenly over long recordings.
+def part_of(given: Given, n_samples: int = LIMITS.samples_of_part) -> Given | None:
+    """Ten stretches or more, about so many samples, spread evenly over long recordings.
 
     None where all samples are few enough, or a channel never moves in these.
     """
-    n_samples = sum(len(record.t) for record in given.records)
-    every = n_samples // LIMITS.samples_of_part
+    every, length = sum(len(one.t) for one in given.records) // n_samples, n_samples // 10
     if every < 2:
         return None
-    length = LIMITS.stretch_of_part
     cuts = [np.arange(length, len(record.t), length) - 1 for record in given.records]
     pieces = cut_at(given, cuts)
     part = pieces.take(np.arange(len(pieces.first)) % every == 0).given

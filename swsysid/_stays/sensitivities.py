@@ -89,7 +89,7 @@ def sensitivities(laws: Laws, guards: Guards, nodes: RolledNodes) -> Array:
 
 def _of_instants(guards: Guards, found: Switching, n_laws: int, n_shared: int) -> Array:
     """Derivatives of the instants, by the nodes before them and what is shared."""
-    crossings = found.crossings
+    crossings = found.crossings()
     assert crossings.varied is not None
     misses = guards.misses(crossings)
     n_states, varied = crossings.varied.shape[1], crossings.varied[misses.switches]

@@ -8,11 +8,14 @@ import pytest
 
 from swsysid import SwitchingSystemRegressor, TrajectoryIdentifier
 from swsysid._data.recordings import Hold
+from swsysid._stays import input_holds
 from swsysid._stays.given import read_given
 from swsysid._stays.laws import Laws
 from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.recordings import Recordings
+from swsysid._stays.search import Search
+from swsysid._stays.settings import LIMITS, SETTINGS
 from swsysid._stays.stays import Stays
 
 DECAY, GAIN, NOISE, STEP = 0.5, 2.0, 0.005, 0.1
@@ -64,6 +67,22 @@ def test_instants_of_a_relay_between_the_rows_are_found_with_the_law(origin):
     assert found.noise_[0] == pytest.approx(NOISE, rel=0.15)
     assert f"{len(instants)} instants" in str(found.report_)
     assert found.states_.shape == x.shape and found.report_.n_samples == len(t)
+
+
+@pytest.mark.parametrize("n_steps", [150, 1200])
+def test_what_inputs_do_is_asked_in_a_part_of_long_recordings(n_steps, monkeypatch):
+    asked = []
+
+    class Counting(Search):
+        def begun(self, n_modes):
+            asked.append(sum(len(record.t) for record in self.given.records))
+            return super().begun(n_modes)
+
+    monkeypatch.setattr(input_holds, "Search", Counting)
+    t, x, u = command(n_steps=n_steps)
+    told = input_holds.holds_of(read_given(x, t, None, u), affine(), 1, "auto", SETTINGS)
+    assert told == (Hold.ROW,)
+    assert asked and max(asked) < 2 * LIMITS.samples_of_holds
 
 
 @pytest.mark.parametrize(

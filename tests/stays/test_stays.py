@@ -157,6 +157,18 @@ def test_instants_that_meet_leave_one_switch():
     assert stays.between(t).tolist() == [0, 0, 1, 1, 0, 0, 1]
 
 
+def test_of_nodes_that_are_moved_only_stays_that_are_passed_are_others():
+    t, stays = np.arange(8.0), Stays(np.array([0, 1, 0]), np.array([1.5, 3.5]))
+    records = [Record(t, np.zeros((8, 1)), np.empty((8, 0)))] * 3
+    nodes = Nodes(Recordings.of(records), [stays] * 3)
+    instants = np.array([[1.6, 3.4], [1.6, 2.5], [3.7, 3.6]])
+    moved = nodes.moved(instants.ravel())
+    assert [one.modes.tolist() for one in moved.stays] == [[0, 1, 0], [0, 1, 0], [0, 1]]
+    assert [one.instants.tolist() for one in moved.stays] == [[1.6, 3.4], [1.6, 2.5], [3.7]]
+    assert moved.modes.reshape(3, 8)[1].tolist() == [0, 0, 1, 0, 0, 0, 0, 0]
+    assert moved.instants.tolist() == [1.6, 3.4, 1.6, 2.5, 3.7]
+
+
 def test_the_order_of_switches_costs_what_it_takes_to_say_it():
     cycle = Stays(np.array([0, 1, 2, 0, 1, 2, 0]), np.arange(6.0))
     assert order_of_switches([cycle]) == 0.0
