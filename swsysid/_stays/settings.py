@@ -97,7 +97,7 @@ class Limits:
     nearly_exactly: float = 3e-6
     first_samples: int = 20  # from which a start is found
     samples_of_part: int = 10_000  # of long recordings, with which the first rounds are made
-    # and that tell what inputs do: of 11,628 rows in 11 s, all in more than 100 s
+    # and that tell what inputs do: of 11,628 rows in 15 CPU s
     samples_of_holds: int = 2000
     unseen: float = 1e-5  # noise below which neighbours tell none of it, of a spread
     # one-sided differences, in spreads of a state, and where one is held
