@@ -13,7 +13,7 @@ from swsysid._discrete_stays.found import Found, lasting_only, with_both_noises,
 from swsysid._discrete_stays.more_modes import followed, parted_stays, with_more, without_twins
 from swsysid._discrete_stays.row_search import RowSearch
 from swsysid._discrete_stays.rows import RowFit, of_modes, scale_of
-from swsysid._discrete_stays.states import with_states
+from swsysid._discrete_stays.states import RANKING_STEPS, with_states
 
 # Residuals below this come from arithmetic, and laws of highest likelihood in all states would only
 # add to it.
@@ -89,7 +89,8 @@ class StaySearch:
             for fit in averages.fits(n_modes, self.max_modes):
                 modes = averages.of_samples(fit.lawful)[self.of_part]
                 own = of_modes(self.part.problem, modes, len(fit.coef))
-                found = Found(own, with_states(self.part, own, _OF_AVERAGES[0]), ())
+                told = with_states(self.part, own, _OF_AVERAGES[0], most_steps=RANKING_STEPS)
+                found = Found(own, told, ())
                 least = min(least, found.cost)
                 yield found
             if least > before + hopeless:

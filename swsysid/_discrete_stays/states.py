@@ -42,19 +42,21 @@ from swsysid._stays.laws import slopes_of
 from swsysid._stays.settings import SETTINGS as STAYS
 
 _LEAST_NOISE = 1e-7
-# Steps of a descent in the course of a search, and of one that decides by itself: laws of few rows
-# are still some hundred nats from their best after ten, and are there after twenty to fifty.
-_MOST_STEPS, PATIENT_STEPS = 10, 50
-
-# Profiles over the ratio of both noises compare tenths of a nat.
-_CLOSELY = replace(STAYS, converged=1e-6)
+# Steps of a descent that ranks starts, of one in the course of a search, and of one that decides
+# by itself. Profiles over the ratio of both noises compare hundredths of a nat. Features may be
+# alike: from a damping of 1e-3 ten steps end up to some hundred nats from the best of right modes,
+# from 1e-5 four are at it, and from 1e-7 laws of few rows run away (published spacecraft, tanks).
+# With four, 25 rows that do not tell both noises apart seem to.
+RANKING_STEPS, _MOST_STEPS, PATIENT_STEPS = 2, 6, 50
+_CLOSELY = replace(STAYS, converged=1e-3, damping=1e-5)
 
 # The disturbance as a share of the noise when they are told apart, from noise of the sensor alone
 # to noise of the equation alone (a ten-thousandth of the variance is the other's), and the steps in
-# which it climbs: likelihoods of 30 to 2000 rows have one summit. Nats that a step must gain.
+# which it climbs: likelihoods of 30 to 2000 rows have one summit. Nats that a step must gain, and
+# by which a ratio is worse whose laws weigh nothing in a mean.
 _RATIOS = (0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0)
 _RATIO_STEPS = 10.0**0.5, 10.0**0.125
-_CONVERGED = 0.02
+_CONVERGED, _WITHOUT_WEIGHT = 0.02, 40.0
 
 
 @dataclass(frozen=True)
@@ -339,6 +341,17 @@ def _climbed(
     return found
 
 
+def _outwards(
+    data: DiscreteData, fit: RowFit, found: StateFit, ratios: Array, free: NDArray[np.bool_]
+) -> list[StateFit]:
+    """From the best ratio to others, each from the one beside it; then at once to the last."""
+    told = [found]
+    for ratio in ratios:
+        if ratio == ratios[-1] or told[-1].cost < found.cost + _WITHOUT_WEIGHT:
+            told.append(with_states(data, fit, np.full_like(found.tie, ratio), told[-1], free))
+    return told
+
+
 @dataclass(frozen=True)
 class NoiseProfile:
     """Laws by the ratio of both noises, in the units and the order of the search.
@@ -346,8 +359,8 @@ class NoiseProfile:
     Attributes
     ----------
     nats : ndarray of shape (n_ratios,)
-        What each ratio is worse by than the best, from noise of the sensor alone to noise of the
-        equation alone.
+        What each ratio is worse by than the best, from noise of the sensor alone to that of the
+        equation; between, only where laws are likely.
     coef : ndarray of shape (n_ratios, n_modes, n_states, n_features)
     best : int
     variance : ndarray of shape (n_modes, n_states, n_features)
@@ -363,14 +376,11 @@ class NoiseProfile:
     def of(cls, data: DiscreteData, fit: RowFit, found: StateFit) -> NoiseProfile:
         """That of modes which are known."""
         free = (found.coef != 0.0).any(axis=1)
-        # from the best ratio outwards, each from the one beside it
         ratios = np.asarray(_RATIOS)
-        up = [found]
-        for ratio in ratios[ratios > found.tie.max()]:
-            up.append(with_states(data, fit, np.full_like(found.tie, ratio), up[-1], free))
-        down = [found]
-        for ratio in ratios[ratios < found.tie.min()][::-1]:
-            down.append(with_states(data, fit, np.full_like(found.tie, ratio), down[-1], free))
+        up, down = (
+            _outwards(data, fit, found, own, free)
+            for own in (ratios[ratios > found.tie.max()], ratios[ratios < found.tie.min()][::-1])
+        )
         every = [*down[:0:-1], *up]
         nats = np.array([one.cost for one in every])
         best, nats = len(down) - 1, nats - nats.min()

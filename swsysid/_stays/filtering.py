@@ -105,7 +105,7 @@ class FlowFilter:
     """The filter of flows; `disturbance` are standard deviations of the velocity, times sqrt(s)."""
 
     noise: Array  # (n_states,): of the measurement
-    disturbance: Array  # (n_states,)
+    disturbance: Array  # (n_states,), or of each hypothesis kept (n_states, n_kept)
     spread: Array  # (n_states,)
     halves: tuple[Linear, Linear]
     rates: Linear  # velocities in the middle of intervals
@@ -172,7 +172,7 @@ class FlowFilter:
         jump = (rates - np.take_along_axis(rates, own[None, None], axis=1)) * self.spans[k]
         covariance += jump[:, None] * jump[None] / 12.0
         diagonal = np.arange(len(mean))
-        more = np.square(self.disturbance)[:, None, None, None] * duration
+        more = np.square(self.disturbance).reshape(len(mean), 1, -1, 1) * duration
         if self.entering is not None:
             enters = own != np.arange(self.n_modes)[:, None, None]
             more = more + self.entering[:, :, None, None] * enters

@@ -33,6 +33,7 @@ from swsysid._stays.settings import StaySettings
 _LEAST, _MOST, _FIRST = 1e-3, 1e2, 0.3
 # Part of the likelihood that a step must gain; samples of a piece, all worked side by side.
 _CONVERGED, _PIECE = 1e-6, 30
+_BESIDE = 1e-6  # of a size, how far beside it its slope is told
 # Part by which sizes may differ and be the same: the turn after one that moved them by less moves
 # them by 2 % at most (a fridge, a mass at an elastic stop).
 _SAME = 0.1
@@ -107,7 +108,7 @@ class _Innovations:
     inside: NDArray[np.bool_]  # of the samples at the ends of steps: those that are no overlap
     unit: Array  # (n_states,): what sizes are tried in
     errors: Array = field(default_factory=lambda: np.zeros(0))  # (n_steps, n_pieces, n_states)
-    nats: float = 0.0
+    nats_of_trials: Array = field(default_factory=lambda: np.zeros(1))
 
     @classmethod
     def of(cls, estimate: Estimate, noise: Array, settings: StaySettings) -> _Innovations:
@@ -132,36 +133,54 @@ class _Innovations:
         free = np.append(np.full(n, walk is None), measured & (sensor is None))
 
         def sized(logarithms: Array) -> _Innovations:
-            sizes = first.copy()
+            sizes = np.repeat(first[:, None], logarithms.shape[1], axis=1)
             sizes[free] = np.exp(logarithms)
-            return self.with_noise(self.unit * sizes[n:], self.unit * sizes[:n])
+            return self.with_noise(self.unit[:, None] * sizes[n:], self.unit[:, None] * sizes[:n])
+
+        def sloping(logarithms: Array) -> tuple[float, Array]:
+            beside = _BESIDE * np.eye(len(logarithms), len(logarithms) + 1, 1)
+            nats = sized(logarithms[:, None] + beside).nats_of_trials
+            return -float(nats[0]), (nats[0] - nats[1:]) / _BESIDE
 
         found = minimize(
-            lambda logarithms: -sized(logarithms).nats, np.log(first[free]), method="L-BFGS-B",
+            sloping, np.log(first[free]), jac=True, method="L-BFGS-B",
             bounds=[np.log([_LEAST, _MOST])] * int(free.sum()), options={"ftol": _CONVERGED},
         )  # fmt: skip
-        return sized(found.x)
+        return sized(found.x[:, None])
 
     def with_noise(self, sensor: Array, walk: Array) -> _Innovations:
-        """The same where noise is of such sizes, in states and in a usual interval."""
-        per_time = walk / np.sqrt(self.pieces.interval)
-        filter_ = replace(self.filter_, noise=sensor, disturbance=per_time)
-        first = first_belief(filter_, self.pieces.y[0], self.pieces.guess[0])
-        belief = Belief(*(part[..., None] for part in first))
-        now, errors, nats = self.modes[0], [], 0.0
+        """The same where noise is of such sizes, in states and in a usual interval.
+
+        Of trials side by side, (n_states, n_trials), the errors are those of the first.
+        """
+        sensor, walk = (one.reshape(len(self.unit), -1) for one in (sensor, walk))
+        filter_ = replace(self.filter_, disturbance=walk / np.sqrt(self.pieces.interval))
+        firsts = [
+            first_belief(replace(filter_, noise=own), self.pieces.y[0], self.pieces.guess[0])
+            for own in sensor.T
+        ]
+        belief = Belief(*(np.stack(parts, axis=-1) for parts in zip(*firsts, strict=True)))
+        before, errors, nats = self.modes[0], [], np.zeros(sensor.shape[1])
         for k, (modes, inside) in enumerate(zip(self.modes, self.inside, strict=True)):
-            ahead = filter_.ahead(k, belief, now[:, None])[0]
+            now = np.repeat(before[:, None], len(nats), axis=1)
+            ahead = filter_.ahead(k, belief, now)[0]
             own = Belief(*(
                 np.take_along_axis(part, modes.reshape(*[1] * (part.ndim - 3), -1, 1, 1), -1)
                 for part in ahead
             ))  # fmt: skip
             y = self.pieces.y[k + 1]
-            variances = np.diagonal(own.covariance[..., 0, 0]).reshape(y.shape) + sensor**2
+            variances = np.diagonal(own.covariance[..., 0, 0]).reshape(y.shape) + sensor[:, 0] ** 2
             errors.append((y - own.mean[..., 0, 0].T) / np.sqrt(variances))
-            belief, seen = corrected(own, y, sensor)
-            belief, now = Belief(*(part[..., 0] for part in belief)), modes
-            nats += float(seen[inside].sum())
-        return replace(self, filter_=filter_, errors=np.array(errors), nats=nats)
+            belief, seen = corrected(own, y, sensor[..., None])
+            belief, before = Belief(*(part[..., 0] for part in belief)), modes
+            nats += seen[inside, :, 0].sum(axis=0)
+        filter_ = replace(filter_, noise=sensor[:, 0], disturbance=filter_.disturbance[:, 0])
+        return replace(self, filter_=filter_, errors=np.array(errors), nats_of_trials=nats)
+
+    @property
+    def nats(self) -> float:
+        """Log likelihood, that of the first trial."""
+        return float(self.nats_of_trials[0])
 
     @property
     def are_noise(self) -> bool:

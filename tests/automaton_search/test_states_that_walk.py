@@ -96,6 +96,8 @@ def test_innovations_have_the_likelihood_of_the_joint_density():
 
     sizes = [(0.3, 0.2), (0.1, 0.5), (0.6, 0.01)]
     seen = [walk.innovations.with_noise(*np.array([one]).T).nats for one in sizes]
+    together = walk.innovations.with_noise(*np.array(sizes).T[:, None]).nats_of_trials
+    np.testing.assert_allclose(together, seen, rtol=1e-12)
     joint = [dense(*one) for one in sizes]
     np.testing.assert_allclose(np.diff(seen), np.diff(joint), rtol=1e-9)
     # and no others are likelier

@@ -1,16 +1,24 @@
 """Laws and states of highest likelihood, and the modes that go with them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from lagged_plants import switched_arx
 from scipy.linalg import block_diag
 
 from swsysid._data.features import FeatureMap
+from swsysid._data.recordings import Record
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.rows import as_fit, fitted, row_costs, scale_of
-from swsysid._discrete_stays.states import LawsAndStates, StateProblem, with_states
+from swsysid._discrete_stays.states import (
+    PATIENT_STEPS,
+    LawsAndStates,
+    StateProblem,
+    with_states,
+)
 
 
 def with_true_modes(planted, lags, library=1):
@@ -111,3 +119,19 @@ def test_the_modes_are_told_by_the_states():
     by_states, _ = reassigned(data, truth, found)
     assert np.mean(by_states.modes == truth.modes) > 0.995
     assert not by_states.unexplained.any()
+
+
+def test_few_steps_reach_the_best_of_laws_about_an_offset():
+    """Vibrations of two stiffnesses about 300: there the constant and a state are alike."""
+    x, rows, modes = np.array([1.0, 0.0]), [], []
+    for k in range(1200):
+        modes.append(k // 300 % 2)
+        rows.append(x)
+        x = x + 0.01 * np.array([x[1], -(1.0, 4.0)[modes[-1]] * x[0] - 0.1 * x[1]])
+    noise = 0.01 * np.random.default_rng(2).standard_normal((len(rows), 2))
+    record = Record(np.arange(1200.0), np.array(rows) + noise + [300.0, 0.0], np.empty((1200, 0)))
+    planted = SimpleNamespace(recordings=[record], modes=[modes], coef=np.zeros((2, 2, 3)))
+    data, fit = with_true_modes(planted, 0)
+    best = with_states(data, fit, 0.3, most_steps=PATIENT_STEPS).cost
+    soon = with_states(data, fit, 0.3, most_steps=4).cost
+    assert abs(soon - best) < 0.01  # 1.7 from a damping of 1e-3
