@@ -350,7 +350,7 @@ def _with_short_numbers(coef: Array, rows: Array, basis: FewColumns) -> Array:
 
 def _short_number(number: float, low: float, high: float, scale: float) -> float:
     """The shortest number between two others, where there rarely is one; else `number`."""
-    if not np.isfinite([low, high]).all():
+    if not -np.inf < low < number < high < np.inf:  # no row of a side, or rounding
         return number
     largest = math.ceil(math.log10(abs(number) + scale))
     for digits in range(-largest, 1 - math.ceil(math.log10((high - low) / _BY_CHANCE))):
