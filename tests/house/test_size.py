@@ -27,8 +27,8 @@ MOST_LINES = {
     # free rollouts; what is known; errors of guards and resets; instants that lie on samples;
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
-    # walk, turns that single samples hide
-    "_automaton_search": 6810,
+    # walk, turns that single samples hide; rows between which a slow law of a map surely changes
+    "_automaton_search": 6840,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
@@ -41,8 +41,8 @@ MOST_LINES = {
     "differentiation": 1610,
     # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it;
     # modes of averages where noise hides a step, one law in the place of two; what a guard that has
-    # not risen says of states
-    "_discrete_stays": 2900,
+    # not risen says of states; modes parted where noise drives states, rows that tell slow laws
+    "_discrete_stays": 2980,
     # a plane of the columns that decide the mode
     "_displays": 1610,
     # formulas of models with effects; what is known beside effects
