@@ -38,8 +38,8 @@ class Taken:
     target: NDArray[np.intp]
     times: Array
     jumped: NDArray[np.bool_]
-    last: Array  # (n_taken, n_columns): columns at the row before
-    given: Array  # what guard and reset were given
+    last: Array  # (n_taken, n_columns): columns at the row before, as early as it may have been
+    given: Array  # what guard and reset were given, as late as it may have been
     after: Array  # (n_taken, n_lagged)
     asked: NDArray[np.bool_]  # whether guards were asked at the row before
 
@@ -132,8 +132,10 @@ class ModeRows:
         at = np.flatnonzero(self._entered)
         before = at - 1
         jumped, anew = self.stays.straddling[before], np.isin(at, [k for k, _ in self._made_anew])
-        reached = self.columns[at].copy()
-        reached[:, -2] = self.columns[before, -2] + 1.0  # the mode is still the old one
+        early, late = at - self._around[0], at + self._around[1]
+        reached = self.columns[late].copy()
+        # the mode is still the old one
+        reached[:, -2] = self.columns[before, -2] + 1.0 + self._around[1]
         reached[jumped, :n_states] = self._made(before[jumped])
         after = self.columns[at, : self.n_lagged].copy()
         if anew.any():
@@ -142,8 +144,39 @@ class ModeRows:
                                                             strict=True)]  # fmt: skip
         return Taken(
             at, rows.recording[at], self.modes[before], self.modes[at], np.array(times),
-            jumped | anew, self.columns[before], reached, after, ~self._passed[before],
+            jumped | anew, self.columns[early - 1], reached, after, ~self._passed[before],
         )  # fmt: skip
+
+    @cached_property
+    def _around(self) -> NDArray[np.intp]:
+        r"""Rows before and after each switch between which its law has surely changed, (2, n).
+
+        A state with noise :math:`\sigma` of the sensor and :math:`\rho \sigma` in the equation is
+        known from its past, or its future, with the variance :math:`\sigma^2 (\rho^2 + \rho
+        \sqrt{\rho^2 + 4}) / 2`; both differ by what the laws do at every row. None where that is
+        no more than a guard may be off by. No stay has less than a row that is its own.
+        """
+        at, states = np.flatnonzero(self._entered), self.stays.searched.found.states
+        if states is None or not len(at):
+            return np.zeros((2, len(at)), dtype=np.intp)
+        stays, edges = self.stays, np.flatnonzero(self._entered | self.stays.rows.begins)
+        features = stays.feature_map(self.columns[at, :-2])
+        laws = stays.coef[self.modes[at]] - stays.coef[self.modes[at - 1]]
+        apart = np.einsum("kij,kj->ki", laws, features) / stays.noise
+        known = states.tie * (states.tie + np.sqrt(np.square(states.tie) + 4.0))
+        rows = SETTINGS.far_miss / np.sqrt((np.square(apart) / known).sum(axis=1))
+        rows[stays.straddling[at - 1] | (rows <= SETTINGS.near)] = 0.0
+        place = np.searchsorted(edges, at)
+        room = np.array([at - edges[place - 1], np.append(edges, len(self.modes))[place + 1] - at])
+        return np.minimum(rows, (room - 1) // 2).astype(np.intp)
+
+    @cached_property
+    def _is_sure(self) -> NDArray[np.bool_]:
+        """True at rows of a mode that are no straddling ones, nor within those around a switch."""
+        sure = ~self.stays.straddling
+        for at, before, after in zip(np.flatnonzero(self._entered), *self._around, strict=True):
+            sure[at - before : at + after] = False
+        return sure
 
     def older(self, at: NDArray[np.intp], modes: NDArray[np.intp]) -> tuple[Array, Array]:
         """Older rows that laws ask for from some rows on, (n_at, lags * n_states).
@@ -205,9 +238,9 @@ class ModeRows:
         return self.columns[self._asked(mode)]
 
     def _asked(self, mode: int) -> NDArray[np.bool_]:
-        return (self.modes == mode) & ~self.stays.straddling & ~self._passed
+        return (self.modes == mode) & self._is_sure & ~self._passed
 
-    @property
+    @cached_property
     def _passed(self) -> NDArray[np.bool_]:
         """Rows at which a mode is entered to be left at the next one.
 

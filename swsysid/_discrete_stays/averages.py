@@ -11,6 +11,7 @@ such rows. Of the laws nothing is kept.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,3 +76,23 @@ class Averages:
     def of_samples(self, modes: Labels) -> Labels:
         """Of every row of the samples the mode of its row of averages, -1 where it has none."""
         return np.where(self.nearest >= 0, modes[self.nearest], -1)
+
+
+def parted_by_averages(data: DiscreteData, modes: Labels, sizes: Sequence[int]) -> Iterator[Labels]:
+    """Modes of rows (-1: of none), one of them in two by averages of its stays, in several ways.
+
+    Where a row of averages has no mode, as with a switch in it, the one before goes on.
+    """
+    for mode in range(int(modes.max()) + 1):
+        rows = np.flatnonzero(modes == mode)
+        part = data.take(rows)
+        for size in sizes:
+            averages = Averages.of(part, size) if len(rows) else None
+            if averages is None:
+                break
+            for fit in averages.fits(2, 2):
+                parts = averages.of_samples(fit.lawful)
+                told = np.maximum.accumulate(np.where(parts >= 0, np.arange(len(parts)), 0))
+                parted = modes.copy()
+                parted[rows[parts[told] > 0]] = modes.max() + 1
+                yield parted

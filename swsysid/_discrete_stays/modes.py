@@ -18,6 +18,7 @@ do what they do not say.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +43,11 @@ from swsysid._stays.filtering import Belief
 from swsysid._stays.laws import Laws, Modes, slopes_of
 from swsysid._stays.recordings import Recordings
 
-# Rows that are decoded side by side, those more to both sides in which a hypothesis settles, and
-# hypotheses of a piece.
-_DECODED, _OVERLAP, _N_KEPT = 60, 15, 4
+# Rows to both sides of a piece in which a hypothesis settles, as many as tell two laws apart, the
+# rows of the piece in units of these, and its hypotheses, one for so many of them: a switch is told
+# as closely. Of a published cell whose rates differ by a fiftieth of the noise 99.0 % of the
+# samples have their mode with 15 rows and 4 hypotheses, 99.6 % with 150 and 4, 99.7 % with 24.
+_OVERLAP, _IN_OVERLAPS, _ROWS_OF_ONE, _FEWEST_KEPT = (15, 150), 4, 12, 4
 _DOUBT = 0.01  # probability that a row does what no guard says
 
 
@@ -60,11 +63,13 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
         ends = inside & np.append((data.rows.begins | unexplained)[1:], True)
         first = np.flatnonzero(begins)
         recordings = _stretches(data, first, np.flatnonzero(ends) + 1)
-        side_by_side, pieces = recordings.cut(_DECODED, _OVERLAP)
+        overlap = _rows_that_tell(data, fit, found)
+        side_by_side, pieces = recordings.cut(_IN_OVERLAPS * overlap, overlap)
         # the first row of a piece tells all lagged states, the others the newest
         side_by_side.y[1:, :, data.rows.n_states :] = np.nan
         maps = MapFilter.of(data, found, fit.switching, fit.guards, side_by_side.u)
-        decoded = decode(maps, side_by_side, price=0.0, n_kept=_N_KEPT)
+        n_kept = max(_FEWEST_KEPT, overlap // _ROWS_OF_ONE)
+        decoded = decode(maps, side_by_side, price=0.0, n_kept=n_kept)
         likelihood = float(decoded.log_likelihood.sum())
         found_modes = recordings.of_pieces(decoded.modes, pieces)
         modes[inside] = found_modes.T[recordings.steps.T > 0.0]
@@ -79,6 +84,22 @@ def reassigned(data: DiscreteData, fit: RowFit, found: StateFit) -> tuple[RowFit
     if fit.guards:
         again = replace(again, of_switches=_of_switches(data, again, found))
     return again, likelihood
+
+
+def _rows_that_tell(data: DiscreteData, fit: RowFit, found: StateFit) -> int:
+    r"""Rows after which no two laws are as likely as each other but for a switch.
+
+    Laws that are :math:`\delta` deviations of the noise apart at each row are
+    :math:`\delta^2 n^3 / 24` nats apart after n of them, where they begin is not known.
+    """
+    features, nats = data.problem.features, -np.log(fit.switching)
+    told, least = found.coef / found.noise[:, None], np.inf
+    for i, j in combinations(range(len(told)), 2):
+        own = features[np.isin(fit.lawful, (i, j))]
+        if len(own):
+            least = min(least, np.square(own @ (told[i] - told[j]).T).sum(axis=1).mean())
+    rows = np.cbrt(24.0 * nats / max(least, np.finfo(float).tiny))
+    return int(np.clip(np.ceil(rows), *_OVERLAP))
 
 
 def decoded_anew(data: DiscreteData, found: StateFit, scale: Array, like: RowFit) -> RowFit:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from swsysid._discrete_stays.averages import Averages
+from swsysid._discrete_stays.averages import Averages, parted_by_averages
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.found import Found, lasting_only, with_both_noises, with_noise
 from swsysid._discrete_stays.more_modes import followed, parted_stays, with_more, without_twins
@@ -114,12 +114,53 @@ class StaySearch:
 
     def _on_all_rows(self, found: Found, most: int) -> Found:
         """The same with all rows; modes that the part has not visited come in, up to so many."""
-        if self.part is self.data:
-            return found
-        scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
-        found = followed(self.data, found, found.coef, scale)
-        found = with_more(self.data, found, most, lambda found: [found.fit.unexplained])
-        return without_twins(self.data, parted_stays(self.data, found, most) or found)
+        if self.part is not self.data:
+            scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
+            found = followed(self.data, found, found.coef, scale)
+            found = with_more(self.data, found, most, lambda found: [found.fit.unexplained])
+            found = without_twins(self.data, parted_stays(self.data, found, most) or found)
+        return self._parted(found, most)
+
+    def _parted(self, found: Found, most: int) -> Found:
+        """The same with modes parted by averages, as long as noise drives the states.
+
+        Part of the rows shows laws for a short while each, in which noise in the equation is as
+        likely as a rate that is another one; all of them show which of both goes on.
+        """
+        while len(found.coef) < most and self._is_driven(found):
+            parted = min(self._in_parts(found), key=lambda one: one.cost, default=found)
+            if not parted.cost < found.cost:
+                break
+            parted = lasting_only(self.data, with_noise(self.data, parted, _STAGES[1]))
+            parted = without_twins(self.data, parted)
+            if not (parted.cost < found.cost and len(parted.coef) > len(found.coef)):
+                break
+            found = parted
+        return found
+
+    def _is_driven(self, found: Found) -> bool:
+        """Whether noise in the equation is likelier than the sensor's alone by more than a law."""
+        least = _STAGES[1][-1]
+        if found.states is None or not (found.states.tie > least).any():
+            return False
+        alone = with_states(self.data, found.fit, least, found.states)
+        of_a_law = 0.5 * found.coef[0].size * np.log(len(self.data.rows))
+        return bool(alone.cost > found.cost + of_a_law)
+
+    def _in_parts(self, found: Found) -> Iterator[Found]:
+        """With a mode in two parts, its laws and states of little disturbance.
+
+        By averages of as many rows as states remember noise of the sensor, and of more.
+        """
+        assert found.states is not None, "noise drives them"
+        memory = float(found.states.tie.max()) ** (-1.0 / (self.data.rows.lags + 1))
+        sizes = [size for size in _SIZES if size >= memory][:2] or _SIZES[-1:]
+        for modes in parted_by_averages(self.data, found.fit.lawful, sizes):
+            fit = of_modes(self.data.problem, modes, len(found.coef) + 1)
+            states = None
+            for tie in _STAGES[1][:2]:
+                states = with_states(self.data, fit, tie, states)
+            yield Found(fit, states, found.history)
 
 
 def _so_many(found: list[Found], n_modes: int | None) -> list[Found]:

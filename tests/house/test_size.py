@@ -28,7 +28,7 @@ MOST_LINES = {
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
     # walk, turns that single samples hide
-    "_automaton_search": 6890,
+    "_automaton_search": 6920,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
@@ -42,7 +42,7 @@ MOST_LINES = {
     # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it;
     # modes of averages where noise hides a step, one law in the place of two; what a guard that has
     # not risen says of states
-    "_discrete_stays": 2910,
+    "_discrete_stays": 2990,
     # a plane of the columns that decide the mode
     "_displays": 1610,
     # formulas of models with effects; what is known beside effects
