@@ -22,6 +22,7 @@ def frames():
     return t, np.array(pixels)[:, None]
 
 
+@pytest.mark.nightly
 def test_a_ball_in_pixels_and_frames():
     t, y = frames()
     found = HybridAutomatonRegressor(order=2, random_state=0).fit(y, t)

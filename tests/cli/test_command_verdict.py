@@ -128,6 +128,7 @@ def pendulum():
     return columns
 
 
+@pytest.mark.nightly
 def test_a_plain_pendulum_is_one_mode_with_a_sine(tmp_path):
     result = job(pendulum(), ["angle", "speed"], groups="run", modes="auto")
     assert result.given_up > 1 and result.model.n_modes_ == 1

@@ -139,6 +139,7 @@ def test_two_effects_at_once():
     assert {effect.kind for effect in result.effects_} == {"coulomb_friction", "delay"}
 
 
+@pytest.mark.nightly
 def test_an_effect_in_one_mode_only():
     data = make_undeclared("coulomb_friction", system="oscillator", mode=1, random_state=3)
     result = search(data, FRICTIONS)
@@ -149,6 +150,7 @@ def test_an_effect_in_one_mode_only():
     assert np.mean(there == (data.modes == 1)) > 0.98
 
 
+@pytest.mark.nightly
 def test_the_effect_corrects_modes_that_were_wrong_without_it():
     data = make_undeclared("bias", system="oscillator", random_state=0)
     result = search(data, [Bias(), *FRICTIONS])

@@ -93,6 +93,7 @@ def test_a_clean_recording_stays_clean(system):
     assert result.report_.residual_before.clean
 
 
+@pytest.mark.nightly
 def test_what_comes_of_a_recording_predicts_rows_as_any_other():
     data, x, u = recorded("coulomb_friction", "pendulum", seed=1)
     result = search(data, x, u)
