@@ -4,8 +4,8 @@
 
 writes a line for each. `tests/nightly.txt` was chosen from these: of a family of parameters the
 quickest member stays in every run, and the others run at night where they take over 2.5 s. Of the
-rest those run at night that take over 6 to 7 s, so that all that stays takes a quarter of an hour on
-two cores; none that is the only one to break something on purpose, or to try a number of modes.
+rest those run at night that take over 6 to 7 s, so that all that stays takes a quarter of an hour
+on two cores; none that is the only one to break something on purpose, or to try a number of modes.
 """
 
 import os
