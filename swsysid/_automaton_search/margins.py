@@ -96,7 +96,8 @@ class Sides:
         """The same with the switches before which it was asked alone, if there are some."""
         if self.asked is None or not self.asked.any():
             return self
-        return replace(self, last=self.last[self.asked], reached=self.reached[self.asked])
+        own = self.asked
+        return replace(self, last=self.last[own], reached=self.reached[own], asked=None)
 
     def joined(self, back: Sides) -> Sides:
         """Those of one surface that is also crossed back; it does not see the clocks."""
