@@ -90,8 +90,9 @@ def fitted(
     start: Courses | None = None,
     noise: Array | None = None,
     turns: int = SETTINGS.noise_turns,
+    most: int = 1,
 ) -> Regressed:
-    """Coefficients of least squares; no start is needed, and no size of the noise."""
+    """Coefficients of least squares; no start is needed, no size of the noise and no turns."""
     rows, coef = Weighted.of(law, stretches), law.coef.copy()
     free, own = rows.free, rows.own
     nothing = np.zeros((0, law.declared.shape[1]))

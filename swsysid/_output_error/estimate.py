@@ -127,8 +127,9 @@ def fitted(
     start: Courses | None = None,
     noise: Array | None = None,
     turns: int = SETTINGS.noise_turns,
+    most: int = STAYS.ties[-1][1],
 ) -> Fitted:
-    """Coefficients of least output error.
+    """Coefficients of least output error, of at most so many steps in each turn.
 
     `start` are states of nearly the same law on the same stretches. Without it states begin where
     they were measured: from rollouts of a law that lacks an effect that jumps, the one with it is
@@ -141,7 +142,7 @@ def fitted(
         noise = 0.3 * spread
     for turn in range(turns):
         is_near = start is not None or turn > 0
-        reached = _reached(estimate, noise, stretches.disturbance, is_near)
+        reached = _reached(estimate, noise, stretches.disturbance, is_near, most)
         left = _left(reached, n_measured)
         shares = np.sqrt(np.nanmean(np.square(left), axis=0)) / spread[:n_measured]
         # a speed is disturbed by as large a share of its spread as its position
@@ -231,11 +232,13 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
     return Estimate(law.laws(stretches, spread, further), nodes, states), spread
 
 
-def _reached(estimate: Estimate, noise: Array, disturbance: float, near: bool) -> Reached:
+def _reached(
+    estimate: Estimate, noise: Array, disturbance: float, near: bool, most: int = STAYS.ties[-1][1]
+) -> Reached:
     """With nodes that are tied ever more tightly."""
     settings = STAYS.roughly()
-    looser, (_, n_turns) = settings.ties[:-1], settings.ties[-1]
-    ties = (*(looser[-1:] if near else looser), (_tie(estimate, disturbance), n_turns))
+    looser = settings.ties[-2:-1] if near else settings.ties[:-1]
+    ties = (*looser, (_tie(estimate, disturbance), most))
     with np.errstate(all="ignore"):  # a trial step that diverges is not taken
         return most_likely(estimate, noise, replace(settings, ties=ties))
 

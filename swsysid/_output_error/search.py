@@ -50,7 +50,19 @@ class Searched:
     unsure: Finding | None = None
 
     def is_clearer(self, other: Searched) -> bool:
-        """Whether the first effect explains surely more of what the declared model leaves."""
+        """Whether the first effect explains surely more of what the declared model leaves.
+
+        Or has a name where the other has none, and explains not surely less.
+        """
+        if self._is_named > other._is_named:
+            return not other._explains_surely_more(self)
+        return self._explains_surely_more(other)
+
+    @property
+    def _is_named(self) -> bool:
+        return bool(self.findings) and not self.models[-1].is_nameless
+
+    def _explains_surely_more(self, other: Searched) -> bool:
         return self.first_fall.share > other.first_fall.share + other.first_fall.error
 
     @property

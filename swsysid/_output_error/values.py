@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from swsysid._output_error.engines import Engine
 from swsysid._output_error.estimate import Courses, Fit, cost
+from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
@@ -28,7 +29,7 @@ class Values:
         law = fit.law.beside([more])
         # from rollouts without a jump those with it are not reached
         near = self.courses(fit) if law.breaks == fit.law.breaks else None
-        found = self.engine.fitted(law, self.stretches, near, fit.noise, turns=2)
+        found = self._looked(law, near, fit.noise)
         if isinstance(more.effect, RateEffect):
             found = self.followed(found)
         yield from self.rescanned(found) if more.effect.acts_once else (found,)
@@ -154,5 +155,8 @@ class Values:
         return self._with(fit, place, replace(fit.law.terms[place], theta=theta))
 
     def _with(self, fit: Fit, place: int, term: PlacedEffect) -> Fit:
-        law = fit.law.exchanged(place, term)
-        return self.engine.fitted(law, self.stretches, self.courses(fit), fit.noise, turns=1)
+        return self._looked(fit.law.exchanged(place, term), self.courses(fit), fit.noise)
+
+    def _looked(self, law: Law, near: Courses | None, noise: Array) -> Fit:
+        """A law fitted as closely as tells it from others."""
+        return self.engine.fitted(law, self.stretches, near, noise, 1, SETTINGS.turns_of_a_look)
