@@ -370,7 +370,9 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
 
         is_map = self.discrete_time
         stepped = self._stepped(given)
-        laws = None if is_map else HeldOutTrajectories(stepped, split, law, self.order)
+        laws = None
+        if not is_map:
+            laws = HeldOutTrajectories(stepped, split, law, self.order, through_jumps=True)
         held_out = HeldOutAutomata(stepped, split, fitted, self, laws)
         return Asked(held_out, self.feature_library, self.n_modes, AUTOMATON)
 
