@@ -1,8 +1,12 @@
-"""Jumps of which both limits are recorded are part of what a verdict judges."""
+"""What a verdict on automata judges: jumps that are recorded, modes that nothing tells."""
+
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from swsysid import HybridAutomatonRegressor
+from swsysid._automaton_search.held_out import HeldOutAutomata
 from swsysid.results import Verdict
 
 GRAVITY, BACK = 9.81, 0.7
@@ -34,3 +38,15 @@ def test_a_ball_is_not_told_where_its_jumps_lead():
     assert verdict.kind is Verdict.SWITCHES
     # a law without impacts misses by as much as speeds change there, the automaton by rounding
     assert verdict.errors_of_laws["affine"][1] > 0.1 * GRAVITY > 100.0 * verdict.errors[1]
+
+
+@pytest.mark.parametrize(
+    ("guards_tell", "imitates", "hidden"),
+    [((True, False), False, True), ((True, True), False, False), ((True, False), True, False)],
+)
+def test_what_switches_is_unknown_only_where_no_guard_tells_it(guards_tell, imitates, hidden):
+    verdicts = [SimpleNamespace(is_told=one) for one in guards_tell]
+    report = SimpleNamespace(verdicts=verdicts, imitates=imitates)
+    judge = SimpleNamespace(given=SimpleNamespace(n_channels=1))
+    told = HeldOutAutomata.told(judge, SimpleNamespace(report_=report, noise_=np.ones(2)))
+    assert (told is not None) == hidden
