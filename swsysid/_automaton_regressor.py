@@ -365,12 +365,11 @@ class HybridAutomatonRegressor(JudgedOnRecordings, ToOtherTools, BaseEstimator):
         def law(rows, n_modes, whole, **options):
             laws = self._estimator().set_params(n_modes=1, coupling="auto", **options)
             known = {"order": self.order, "input_hold": self._holds}
-            identifier = TrajectoryIdentifier(laws, refine=whole, **known)
-            return identifier.fit(*given.data(rows))
+            return TrajectoryIdentifier(laws, refine=whole, **known).fit(*given.data(rows))
 
-        is_map = self.discrete_time
-        stepped = self._stepped(given)
-        laws = None if is_map else HeldOutTrajectories(stepped, split, law, self.order)
+        stepped, laws = self._stepped(given), None
+        if not self.discrete_time:
+            laws = HeldOutTrajectories(stepped, split, law, self.order, through_jumps=True)
         held_out = HeldOutAutomata(stepped, split, fitted, self, laws)
         return Asked(held_out, self.feature_library, self.n_modes, AUTOMATON)
 

@@ -119,7 +119,8 @@ def _of_noise(found: IdentifiedAutomaton, noises: KindsOfNoise) -> str:
             f"{noises.equation_alone:.3g} nats less likely."
         )
     laws = [
-        "; ".join(
+        f" The {whose} alone: "
+        + "; ".join(
             law_equations(
                 coef,
                 found.automaton.feature_map,
@@ -129,12 +130,17 @@ def _of_noise(found: IdentifiedAutomaton, noises: KindsOfNoise) -> str:
                 states=found.automaton.state_names,
             )
         )
-        for coef in (noises.laws_of_sensor, noises.laws_of_equation)
+        + "."
+        for whose, coef in (
+            ("sensor's", noises.laws_of_sensor),
+            ("equation's", noises.laws_of_equation),
+        )
+        if coef.size  # in continuous time they are not known
     ]
     return (
-        "The recordings do not tell noise of the sensor from noise in the equation. The sensor's "
-        f"alone: {laws[0]}. The equation's alone: {laws[1]}. A longer recording, or an input that "
-        "moves the states far beyond the noise, tells."
+        "The recordings do not tell noise of the sensor from noise in the equation."
+        f"{''.join(laws)} A longer recording, or an input that moves the states far beyond the "
+        "noise, tells."
     )
 
 

@@ -90,8 +90,13 @@ class HeldOutAutomata(HeldOut[OfGuards]):
         return tuple(fit.automaton_.state_names[: self.given.n_channels])
 
     def told(self, fit: OfGuards) -> Array | None:
-        """What the laws leave of samples that tell the modes, whatever guards do."""
-        return np.array([fit.noise_[: self.given.n_channels]])
+        """What the laws leave of samples that tell the modes, where guards do not.
+
+        Modes that make up any curve by alternating fast are told by any samples.
+        """
+        report = fit.report_
+        is_hidden = not report.imitates and not all(one.is_told for one in report.verdicts)
+        return np.array([fit.noise_[: self.given.n_channels]]) if is_hidden else None
 
     def is_one_law(self, fit: OfGuards) -> bool:
         """Whether nothing switches, and nothing jumps."""

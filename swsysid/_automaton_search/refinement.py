@@ -12,6 +12,8 @@ from swsysid._automaton_search.assembly import Assembled
 from swsysid._automaton_search.joint import JointEstimate
 from swsysid._results import Array, Trajectory
 
+_DIVERGED = 1e9  # an objective beyond it is none of a fit, and its digits say nothing
+
 
 @dataclass(frozen=True, repr=False)
 class AutomatonRefinement:
@@ -70,7 +72,10 @@ class AutomatonRefinement:
         )
 
     def __str__(self) -> str:
-        change = f"{self.objective_before:.1f} -> {self.objective_after:.1f}"
+        sizes = self.objective_before, self.objective_after
+        change = " -> ".join(
+            f"{one:.1f}" if abs(one) < _DIVERGED else f"{one:.3g}" for one in sizes
+        )
         rolled = f"{self.rollout_before:.3g} -> {self.rollout_after:.3g}"
         said = f"Refined together: objective {change}, misfit of rollouts {rolled} of the noise."
         return said if self.kept else f"{said} {self.advice}"

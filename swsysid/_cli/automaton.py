@@ -171,7 +171,7 @@ class _Identification:
             )
             return identifier.fit(*self._data(rows))
 
-        laws = HeldOutTrajectories(given, self.split, law, order)
+        laws = HeldOutTrajectories(given, self.split, law, order, through_jumps=True)
         held_out = HeldOutAutomata(given, self.split, again, found, laws)
         judge, asked = Judge(held_out, self.terms), self.options.modes
         words = replace(COMMAND_LINE, memory="")

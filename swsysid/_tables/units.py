@@ -35,9 +35,11 @@ SECONDS = {
     for name in names.split()
 }
 # der(x) is no x in units of der: tools of Modelica name the derivative of a state so. Nor is the
-# 0 of q[0] a unit.
+# 0 of q[0] a unit, or the 5 of "pos (5)".
 PURE = ("-", "1")  # written where a number has no unit
-_BRACKET = re.compile(r"(?<!\bder)(?:\s+|(?![\[(]\d))[\[(]([^\])]*)[\])]\s*$")
+_BRACKET = re.compile(
+    r"(?<!\bder)(?:\s+(?!\(\d+\)|\[(?!1\])\d+\])|(?![\[(]\d))[\[(]([^\])]*)[\])]\s*$"
+)
 
 
 def without_unit(name: str) -> str:
@@ -71,8 +73,8 @@ def unit_of(name: str) -> str:
     ['m/s', 'deg/s', 'm/s^2', 'N m', 'N s']
     >>> [unit_of(name) for name in ("h(m)", "der(h)", "der(h) [m/s]")]
     ['m', '', 'm/s']
-    >>> unit_of("gate [-]")
-    ''
+    >>> [unit_of(name) for name in ("gate [-]", "gate [1]", "pos (5)", "pos (5) [rad]")]
+    ['', '', '', 'rad']
     """
     bracket = _BRACKET.search(name)
     if bracket:

@@ -23,7 +23,7 @@ from swsysid._results import Array, SolverError
 from swsysid._simulation.model import SwitchingModel
 from swsysid._stays.given import FEWEST_SAMPLES, Given, without_clipped
 from swsysid._stays.output_error import OutputError
-from swsysid._stays.pieces import between_jumps
+from swsysid._stays.pieces import between_jumps, without_limits
 from swsysid._stays.recording_report import RecordingReport
 from swsysid._stays.start import differentiated
 from swsysid._verdict.comparison import Split
@@ -261,7 +261,11 @@ class HeldOut(ABC, Generic[Fit]):
 
 
 class HeldOutTrajectories(HeldOut[OfSurface]):
-    """The same of fits of one surface, all stretches rolled out at once."""
+    """The same of fits of one surface, all stretches rolled out at once.
+
+    No such model jumps: where states do, a stretch begins anew. Beside a model whose states jump
+    rollouts go `through_jumps`, or it would stand beside laws that are told where a jump leads.
+    """
 
     def __init__(
         self,
@@ -270,13 +274,15 @@ class HeldOutTrajectories(HeldOut[OfSurface]):
         fits: Fits[OfSurface],
         order: int = 1,
         units: Mapping[str, str] | None = None,
+        through_jumps: bool = False,
     ):
         super().__init__(given, split, fits)
         self.laws, self.units = self, units or {}
         self.n_columns = order * given.n_channels + given.n_inputs
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the fit to all recordings tells of clipped samples
-            given = without_clipped(between_jumps(given).given)
+            pieces = without_limits(given) if through_jumps else between_jumps(given).given
+            given = without_clipped(pieces)
             base = differentiated(given, order)
         recordings = base.recordings
         # of the samples that were measured, whichever cells are missing between them

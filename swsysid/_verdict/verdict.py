@@ -87,7 +87,7 @@ class SwitchingVerdict:
         """Whether the number of modes is to be believed."""
         if self.switches:
             return self.kind is Verdict.SWITCHES
-        return self.kind is Verdict.ONE_MODE and not self.comparison.lacks_something
+        return self.kind is Verdict.ONE_MODE and not self._lacks_something
 
     @property
     def improvement(self) -> float:
@@ -178,9 +178,14 @@ class SwitchingVerdict:
 
     @property
     def _lacks_something(self) -> bool:
-        """Whether no law of one mode leaves noise alone, or free rollouts refute the model."""
-        strays = self.free is not None and not (self.free.holds or self.free.hangs_on_start)
-        return strays or self.comparison.lacks_something
+        """Whether no law of one mode leaves noise alone, or free rollouts refute the model.
+
+        One that leaves noise alone of all recordings lacks nothing, whatever laws of a part of them
+        leave of the others: instants of inputs between rows are estimated where a law is fitted.
+        """
+        holds = self.free is not None and self.free.holds
+        strays = self.free is not None and not (holds or self.free.hangs_on_start)
+        return strays or (self.comparison.lacks_something and not (holds and self.stands))
 
     def _no_switching(self, told: str) -> str:
         """What is `told` of one mode, which proves that nothing switches by leaving noise alone."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from swsysid._free_rollouts.judge import FreeRollouts
-from swsysid._rendering.printing import text_table
+from swsysid._rendering.printing import counted, text_table
 from swsysid._results import Array
 from swsysid._verdict.comparison import Comparison
 from swsysid._verdict.terms import DEGREES, Terms
@@ -96,7 +96,9 @@ def table(comparison: Comparison, modes: str, names: Sequence[str]) -> list[str]
     ]
     lines = [f"    {line}" for line in text_table([("", "<1", list(names)), *cells], gap="  ")]
     if comparison.seen:
-        lines.append(f"    The {modes} have seen these samples too, and are no better even so.")
+        has, are = ("has", "is") if modes == counted(1, "mode") else ("have", "are")
+        seen = f"The {modes} {has} seen these samples too, and {are} no better even so."
+        lines.append(f"    {seen}")
     if comparison.untested:
         listed = ", ".join(map(str, comparison.untested))
         which, whose = ("Mode", "its") if len(comparison.untested) == 1 else ("Modes", "their")

@@ -83,7 +83,9 @@ def inspect_sensors(x: ArrayLike, groups: ArrayLike | None = None) -> Sensors:
     differences show it; exact ramps and parabolas lie on grids too, and have no noise. Samples
     count as clipped where a column stays at its largest or smallest value, and would have gone
     on by the samples before and after, or has noise that a sensor could not lose elsewhere.
-    Something that comes to rest there arrives and leaves slowly, and does not count.
+    Something that comes to rest there arrives and leaves slowly, or stops as suddenly elsewhere,
+    and does not count; nor does a rest with which a record begins, nor zero, where a wheel stands
+    and a diode blocks.
 
     Examples
     --------
@@ -162,14 +164,20 @@ def _clipped_at(columns: Array, parts: list[NDArray[np.intp]], quantum: Array) -
         if len(np.unique(values)) <= _FEWEST_LEVELS:
             continue  # a switch, whose ends are all that it has
         series = [values[rows] for rows in parts]
+        # A stay with which a record begins is a rest, unless another column moves meanwhile.
+        least = _PLAIN * np.maximum(quantum, noise)
+        rests = [not _moves_at_first(columns[rows], k, least) for rows in parts]
         # Noise repeats no value for long: where it does so at an end, this is that of the range.
         visible = max(_VISIBLE * np.ptp(values), BEYOND_ROUNDING * quantum[k])
         noisy = noise[k] > visible
         ends = [
             end
             for end in (values.min(), values.max())
-            if (noisy and _repeats_only(series, end))
-            or any(_passes(each, end, quantum[k], noise[k]) for each in series)
+            if end != 0.0  # where plants rest: a diode blocks, a tank is empty, a wheel stands
+            and (
+                (noisy and _repeats_only(series, end, rests))
+                or _passes(series, end, quantum[k], noise[k], rests)
+            )
         ]
         if len(ends) == 1 and values.min() == -values.max():
             ends.append(-ends[0])  # a range is that of both signs
@@ -177,28 +185,49 @@ def _clipped_at(columns: Array, parts: list[NDArray[np.intp]], quantum: Array) -
     return clipped
 
 
-def _repeats_only(series: list[Array], end: float) -> bool:
+def _moves_at_first(record: Array, column: int, least: Array) -> bool:
+    """Whether others move by more than `least` while a column has the value it begins with."""
+    stay = record[: runs_in(record[:, column]).lengths[0]]
+    return bool((np.delete(np.ptp(stay, axis=0) - least, column) > 0.0).any())
+
+
+def _repeats_only(series: list[Array], end: float, rests: list[bool]) -> bool:
     """Whether values are repeated at this end for much longer than they are between the ends."""
     runs = [runs_in(values) for values in series]
     levels = np.concatenate([v[each.starts] for v, each in zip(series, runs, strict=True)])
     lengths = np.concatenate([each.lengths for each in runs])
+    seen = np.concatenate([each.starts >= rest for each, rest in zip(runs, rests, strict=True)])
     between = (levels > levels.min()) & (levels < levels.max())
     usual = int(lengths[between].max(initial=1))
-    return bool(lengths[levels == end].max() >= _PLATEAU * usual)
+    return bool(lengths[seen & (levels == end)].max(initial=0) >= _PLATEAU * usual)
 
 
-def _passes(values: Array, end: float, quantum: float, noise: float) -> bool:
-    """Whether a trajectory would have gone on beyond an end at which it stays."""
-    runs, depths = runs_in(values), np.abs(values - end)
-    stays = np.flatnonzero((runs.lengths >= _PLATEAU) & (depths[runs.starts] == 0.0))
-    for start, length in zip(runs.starts[stays], runs.lengths[stays], strict=True):
-        sides = depths[:start][::-1], depths[start + length :]
-        # What was before the record or comes after it is not known.
-        known = [side for side in sides if len(side) >= _APPROACH]
-        near = [_approach(side, quantum, noise) for side in known]
-        if near and all(_is_fast(side, depths, length, quantum, noise) for side in near):
-            return True
-    return False
+def _passes(
+    series: list[Array], end: float, quantum: float, noise: float, rests: list[bool]
+) -> bool:
+    """Whether trajectories would have gone on beyond an end at which they stay.
+
+    Not if they stop as suddenly elsewhere, as a servo at its target does; nor by how they depart
+    from a rest with which a record begins: any plant rests until it is driven.
+    """
+    least, most = (float(bound) for bound in (min(map(np.min, series)), max(map(np.max, series))))
+    passed = False
+    for values, rest in zip(series, rests, strict=True):
+        runs = runs_in(values)
+        stays = np.flatnonzero((runs.lengths >= _PLATEAU) & (runs.starts >= rest))
+        for start, length in zip(runs.starts[stays], runs.lengths[stays], strict=True):
+            is_end = values[start] == end
+            if not is_end and not least < values[start] < most:
+                continue
+            depths = np.abs(values - values[start])
+            sides = [depths[:start][::-1], depths[start + length :]][: 2 if is_end else 1]
+            # What was before the record or comes after it is not known.
+            near = [_approach(side, quantum, noise) for side in sides if len(side) >= _APPROACH]
+            if near and all(_is_fast(side, depths, length, quantum, noise) for side in near):
+                if not is_end:
+                    return False
+                passed = True
+    return passed
 
 
 def _approach(depths: Array, quantum: float, noise: float) -> Array:

@@ -11,10 +11,11 @@ import pytest
 from swsysid import GuardWarning, HybridAutomaton, HybridAutomatonRegressor, MisfitWarning
 from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.assembly import TransitionVerdict
-from swsysid._automaton_search.doubts import imitates, strays, untold_switches
+from swsysid._automaton_search.doubts import doubts_of, imitates, strays, untold_switches
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.judged import by_rollouts
 from swsysid._automaton_search.resets import best_reset
+from swsysid._discrete_stays.identify import KindsOfNoise
 
 FINE = "guards tell all switches"
 STEPS = np.arange(200)
@@ -256,6 +257,19 @@ def test_a_short_recording_says_both_answers_and_a_long_one_which_noise(n):
         assert "There is noise in the equation" in report
         assert found.equation_noise_[0] == pytest.approx(1.0, rel=0.1)
         assert abs(found.coef_[0, 0, 1] - 0.3) < 3.0 * found.coef_errors_[0, 0, 1]
+
+
+def test_where_either_noise_may_be_no_law_is_named_that_nobody_has():
+    nothing = np.zeros(0)  # in continuous time there are no laws of either noise alone
+    found = SimpleNamespace(
+        automaton=SimpleNamespace(n_modes=1),
+        verdicts=(),
+        shared_exits=(),
+        n_unexplained=0,
+        noises=KindsOfNoise(np.ones(1), np.ones(1), 0.5, 0.5, nothing, nothing),
+    )
+    (said,) = doubts_of(found, 1, 1)
+    assert "do not tell noise of the sensor from noise in the equation. A longer" in said
 
 
 def test_noise_in_the_equation_does_not_blame_the_laws():

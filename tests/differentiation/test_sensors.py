@@ -173,6 +173,28 @@ def test_what_comes_to_rest_at_an_end_is_not_clipped(seed, quantum):
         assert not inspect_sensors(values).clipped.any()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_servo_that_stops_at_its_targets_is_not_clipped(seed):
+    # at the outermost ones no less suddenly than at the middle one
+    place, counts = 2047.0, []
+    for target in np.random.default_rng(seed).choice([1947.0, 2047.0, 2147.0], 20):
+        for _ in range(12):
+            place += np.clip(target - place, -38.0, 38.0)
+            counts.append(round(place))
+    assert not inspect_sensors(np.array(counts, dtype=float)).clipped.any()
+
+
+@pytest.mark.parametrize("rest", [0.0, 300.0])
+def test_a_wheel_that_stands_until_it_is_driven_is_not_clipped(rest):
+    # counts of an encoder: exact while it stands, noisy once it turns
+    speeds = 200.0 * (1.0 - np.exp(-np.arange(100) / 20.0)) + 30.0
+    noise = 3.0 * np.random.default_rng(0).standard_normal(len(speeds))
+    driven = np.concatenate([np.zeros(40), speeds + noise])
+    # of zero it stands for rest again later; elsewhere that could be the end of a range
+    values = rest + (np.tile(driven, 2) if rest == 0.0 else driven)
+    assert not inspect_sensors(values).clipped.any()
+
+
 def test_no_window_reaches_across_a_long_clipped_stretch():
     t = np.arange(0.0, 20.0, 0.01)
     x = np.clip(np.sin(t), -1.0, 0.5)

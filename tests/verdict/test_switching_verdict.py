@@ -263,6 +263,23 @@ def test_modes_that_somebody_switches_are_there_and_the_model_is_not_trusted():
     assert "the modes are there" in verdict.sentence and "Record the signal" in verdict.sentence
 
 
+def test_one_law_of_a_room_lacks_nothing_though_its_heater_switches_between_rows():
+    """Laws of a part of the recording are not told when it does so in the rest."""
+    temperature, heater, rows = 16.0, 1.0, []
+    for _ in range(400):
+        rows.append((temperature, heater))
+        for _ in range(50):
+            temperature += 0.01 * (1.5 - 0.1 * temperature + 1.2 * heater)
+            heater = 0.0 if temperature > 21.0 else 1.0 if temperature < 17.0 else heater
+    T_room, u = np.array(rows).T
+    x = T_room[:, None] + 0.02 * np.random.default_rng(0).standard_normal((400, 1))
+    fit = identifier(n_modes=1).fit(x, 0.5 * np.arange(400), inputs=u[:, None])
+    assert fit.coef_[0, 0] == pytest.approx([1.5, -0.1, 1.2], rel=0.03)
+    verdict = fit.verdict_
+    assert verdict.comparison.lacks_something and verdict.errors[0] > 0.05  # the laws of a part
+    assert verdict.trusted and verdict.sentence.startswith("No switching")
+
+
 def test_a_map_that_switches_is_trusted():
     def run(x, mode=0):
         states = []
