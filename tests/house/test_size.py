@@ -28,7 +28,7 @@ MOST_LINES = {
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
     # walk, turns that single samples hide
-    "_automaton_search": 6920,
+    "_automaton_search": 6930,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
@@ -82,8 +82,8 @@ MOST_LINES = {
     "_solvers": 1290,
     # affine laws in exact steps; many recordings condensed; groups of sentences of what is known;
     # inputs between rows; errors at contacts; rounds, edits and trials side by side; laws that
-    # need no descent; states that walk beside the laws
-    "_stays": 10510,
+    # need no descent; states that walk beside the laws, their sizes by some of the samples
+    "_stays": 10520,
     # parameters and probabilities of surfaces; refusals
     "_surfaces": 2400,
     # a reader for each format; several files and clocks; bounds of what files unpack to; dates
