@@ -161,7 +161,7 @@ class Cutting:
 
         def again(walk: Array, now: StayIdentification) -> StayIdentification:
             self.first.search.walk = walk
-            return self._told_anew(self.first, now).stays
+            return self._told_anew(self.first, now, roughly=True).stays
 
         if self.walk is not None or any(cut is one for one in self.still):
             return cut
@@ -172,7 +172,8 @@ class Cutting:
         stays, self.walk = told
         n_modes = len(stays.estimate.laws.coef)
         fewer = [one for one in self.answers if len(one.stays.estimate.laws.coef) < n_modes]
-        every = [stays, *(self._told_anew(self.first, one.stays).stays for one in fewer)]
+        tried = stays, *(one.stays for one in fewer)
+        every = [self._told_anew(self.first, one).stays for one in tried]
         best = least_of(every, lambda one: criterion(len(one.estimate.laws.coef), one).criterion)
         return self._jumping(self.first, best)
 

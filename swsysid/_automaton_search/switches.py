@@ -60,7 +60,7 @@ class Switches:
 
     def asked_at_samples(self, interval: float) -> Switches:
         """The same where a guard that the state goes on at has risen since the sample before."""
-        errors = np.where(self.jumped, self.errors, even(interval))
+        errors = np.where(self.jumped, self.errors, np.maximum(self.errors, even(interval)))
         return replace(self, errors=errors)
 
     def ramps(self, interval: float) -> Array:

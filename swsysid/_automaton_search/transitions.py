@@ -33,7 +33,7 @@ from swsysid._automaton_search.guards import (
 from swsysid._automaton_search.instants import GuardContext, Settled, settled
 from swsysid._automaton_search.one_surface import with_shared_surfaces
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.switches import Switches, at_samples, switches_of
+from swsysid._automaton_search.switches import Switches, at_samples, even, switches_of
 from swsysid._stays.certainty import certainty
 from swsysid._stays.descent import most_likely
 from swsysid._stays.given import Given
@@ -83,8 +83,11 @@ def _at_samples_or_not(switches: Switches, context: GuardContext) -> list[Settle
         return found
     told = []
     for exact, one in zip(found, asked, strict=True):
-        if one.switches.jumped.any() or (_is_clock(exact) and _is_clock(one)):
-            told.append(exact)  # a clock that ends on samples does so whoever asks
+        # which sample it is says nothing of instants that are known to several, and a clock that
+        # ends on samples does so whoever asks
+        several = bool(np.median(exact.switches.errors) > even(interval))
+        if several or one.switches.jumped.any() or (_is_clock(exact) and _is_clock(one)):
+            told.append(exact)
         else:
             told.append(_asked_at_samples(one, context))
     return _with_tellers(told, context)

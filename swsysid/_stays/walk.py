@@ -33,6 +33,8 @@ from swsysid._stays.settings import StaySettings
 _LEAST, _MOST, _FIRST = 1e-3, 1e2, 0.3
 # Part of the likelihood that a step must gain; samples of a piece, all worked side by side.
 _CONVERGED, _PIECE = 1e-6, 30
+# Samples that tell sizes, of more every so many pieces: to 2 %, by a fifth of what a turn may move.
+_ENOUGH = 4000
 _BESIDE = 1e-6  # of a size, how far beside it its slope is told
 # Part by which sizes may differ and be the same: the turn after one that moved them by less moves
 # them by 2 % at most (a fridge, a mass at an elastic stop).
@@ -109,11 +111,21 @@ class _Innovations:
     unit: Array  # (n_states,): what sizes are tried in
     errors: Array = field(default_factory=lambda: np.zeros(0))  # (n_steps, n_pieces, n_states)
     nats_of_trials: Array = field(default_factory=lambda: np.zeros(1))
+    few: _Innovations | None = None  # those of some of the pieces, where these are enough
 
     @classmethod
-    def of(cls, estimate: Estimate, noise: Array, settings: StaySettings) -> _Innovations:
+    def of(
+        cls, estimate: Estimate, noise: Array, settings: StaySettings, every: int = 1
+    ) -> _Innovations:
+        """Those of an estimate, of every so many pieces."""
         recordings = estimate.nodes.recordings.with_guess(states_of(estimate))
         pieces, places = recordings.cut(_PIECE, settings.overlap)
+        fewer, few = len(places) * _PIECE // _ENOUGH, None
+        if every > 1:
+            places = places[::every]
+            pieces = recordings.parted(places)
+        elif fewer > 1:
+            few = cls.of(estimate, noise, settings, fewer)
         spans = pieces_of(recordings.spans, places)
         filter_ = FlowFilter.of(estimate.laws, pieces, noise, np.zeros(len(noise)), spans)
         k = np.arange(len(pieces.steps))[:, None]
@@ -122,7 +134,8 @@ class _Innovations:
             for ends in zip(*((piece.first, piece.last) for piece in places), strict=True)
         )
         modes = pieces_of(intervals_of(estimate), places)
-        return cls(filter_, recordings, places, pieces, modes, (k >= first) & (k < last), noise)
+        inside = (k >= first) & (k < last)
+        return cls(filter_, recordings, places, pieces, modes, inside, noise, few=few)
 
     def most_likely(self, walk: Array | None = None, sensor: Array | None = None) -> _Innovations:
         """At sizes of highest likelihood, in these units, but for those that are given."""
@@ -132,21 +145,21 @@ class _Innovations:
         ])  # fmt: skip
         free = np.append(np.full(n, walk is None), measured & (sensor is None))
 
-        def sized(logarithms: Array) -> _Innovations:
+        def sized(seen: _Innovations, logarithms: Array) -> _Innovations:
             sizes = np.repeat(first[:, None], logarithms.shape[1], axis=1)
             sizes[free] = np.exp(logarithms)
-            return self.with_noise(self.unit[:, None] * sizes[n:], self.unit[:, None] * sizes[:n])
+            return seen.with_noise(self.unit[:, None] * sizes[n:], self.unit[:, None] * sizes[:n])
 
         def sloping(logarithms: Array) -> tuple[float, Array]:
             beside = _BESIDE * np.eye(len(logarithms), len(logarithms) + 1, 1)
-            nats = sized(logarithms[:, None] + beside).nats_of_trials
+            nats = sized(self.few or self, logarithms[:, None] + beside).nats_of_trials
             return -float(nats[0]), (nats[0] - nats[1:]) / _BESIDE
 
         found = minimize(
             sloping, np.log(first[free]), jac=True, method="L-BFGS-B",
             bounds=[np.log([_LEAST, _MOST])] * int(free.sum()), options={"ftol": _CONVERGED},
         )  # fmt: skip
-        return sized(found.x[:, None])
+        return sized(self, found.x[:, None])
 
     def with_noise(self, sensor: Array, walk: Array) -> _Innovations:
         """The same where noise is of such sizes, in states and in a usual interval.

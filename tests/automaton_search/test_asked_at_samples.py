@@ -124,3 +124,23 @@ def test_a_clock_that_ends_on_samples_is_exact():
     assert found.n_modes_ == 2 and ASKED not in str(found.report_)
     told = " ".join(found.equations(precision=4))
     assert "dwell >= 2.0000" in told
+
+
+def test_which_sample_it_was_is_asked_where_instants_tell_it_and_only_there():
+    """A state that grows and decays: slowly near zero, where noise hides which sample it was."""
+    rng, step, runs = np.random.default_rng(0), 0.01, []
+    for x, grows in ((0.3, 1), (1.0, 0), (2.0, 1), (3.0, 0), (0.5, 1), (4.0, 0)):
+        states = []
+        for _ in range(900):
+            states.append(x)
+            grows = (x < 5.0) if grows else (x <= 0.1)
+            x *= np.exp((3.0 if grows else -3.0) * step)
+        noise = 0.04 * rng.standard_normal((900, 1))
+        runs.append({"t": step * np.arange(900), "x": np.array(states)[:, None] + noise})
+    fall, level = HybridAutomatonRegressor(random_state=0).fit(runs).transitions_
+    # a thirtieth of an interval beside one and a half
+    assert fall.asked_every is None and level.asked_every == pytest.approx(step)
+    for one, at in ((fall, 0.1), (level, 5.0)):
+        (condition,) = one.guard.conditions
+        constant, slope = condition.coef
+        assert -constant / slope == pytest.approx(at, rel=0.03)  # one sample of the change
