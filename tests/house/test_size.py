@@ -28,7 +28,7 @@ MOST_LINES = {
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
     # walk, turns that single samples hide
-    "_automaton_search": 6800,
+    "_automaton_search": 6840,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
