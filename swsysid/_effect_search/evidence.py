@@ -50,6 +50,12 @@ from swsysid._noise import robust_scale
 from swsysid._results import Array
 from swsysid.effects._memory import Remembering
 
+_SHARE_OF_A_DISTURBANCE = 0.05  # what effects leave over a little is no force
+# of what an effect that remembers inputs explains: beside what the states show of a force
+_OBSERVED = 0.5
+_SLOW_STEPS = 4  # steps of the record that a force is remembered for, unlike noise
+_OFTEN = 0.1  # share of the rows with gross errors that last: then they are a force
+
 
 def chance_of_gains(context: SearchContext, before: Structure, after: Structure) -> float:
     """Of predictions that are so much better: of sums of gains in blocks, and of bets on them."""
@@ -109,8 +115,8 @@ class SlowForces:
         )
         left = left[self._ordered[0]]
         far = np.abs(left) > gross
-        lasting = far & (self.where.runs(far) >= SETTINGS.slow_steps)
-        often = lasting.mean() >= SETTINGS.often
+        lasting = far & (self.where.runs(far) >= _SLOW_STEPS)
+        often = lasting.mean() >= _OFTEN
         return np.where(far & ~(lasting & often), 0.0, left)
 
     def gain(self, fewer: Structure, structure: Structure, target: int) -> tuple[BlockSum, int]:
@@ -180,7 +186,7 @@ class SlowForces:
         least = len(usual) * self.context.data.exact[target] ** 2
         ratios = np.maximum(before, least) / np.maximum(after, least)
         alone, with_law = 0.5 * len(usual) * np.log(ratios)
-        return float(with_law) if with_law < SETTINGS.observed * alone else None
+        return float(with_law) if with_law < _OBSERVED * alone else None
 
     def chance(self, fewer: Structure, structure: Structure, target: int) -> tuple[float, float]:
         """Of what effects gain beside a force that they leave behind, and that by its blocks.
@@ -228,14 +234,14 @@ class SlowForces:
 
     def _steps(self, left: Array) -> int:
         """Steps after which no noise, and no filter of it, is remembered."""
-        return max(SETTINGS.slow_steps, self._smeared(left))
+        return max(_SLOW_STEPS, self._smeared(left))
 
     def _p_value(self, model: Coloured, left: Array, target: int) -> float:
         """That of a memory of residuals; one if it explains too little to be worth a name."""
         squares = self.context.declared_squares
         gain = _lead(model, white(left), left, self.where)
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
-        worth = model.size**2 >= SETTINGS.share_of_a_disturbance * squares[target]
+        worth = model.size**2 >= _SHARE_OF_A_DISTURBANCE * squares[target]
         enough = gain >= SETTINGS.gain_a_row * len(left)
         return p_value if worth and enough else 1.0
 

@@ -25,6 +25,10 @@ from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._results import Array
 from swsysid.metrics._modes import best_matching, contingency
 
+_BESIDE_A_SWITCH = 2  # rows on each side whose velocities the shortest filter has smeared
+_MOST_SMEARED = 0.75  # share of the rows of one more mode that may be such rows
+
+
 Modes = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
@@ -87,7 +91,7 @@ def at_smeared_switches(data: SearchData, modes: NDArray[np.intp], left: Array) 
     order, where = rows_in_order(data)
     inexact = [state for state in range(left.shape[1]) if state not in data.exact_states]
     window = max((where.smeared(left[order, state]) for state in inexact), default=1)
-    half = max(window // 2, SETTINGS.beside_a_switch)
+    half = max(window // 2, _BESIDE_A_SWITCH)
     distance = _from_a_switch(modes[order], in_trajectories(data), SETTINGS.gap_steps)
     farthest = np.quantile(distance, SETTINGS.most_unsure, method="lower")
     near[order] = distance < min(half, farthest)
@@ -105,7 +109,7 @@ def is_smeared_mode(data: SearchData, before: JointFit, after: JointFit) -> bool
     left = after.residuals(data.records, data.rows, data.targets)
     smeared = at_smeared_switches(data, modes, left)
     own = FurtherMode(before, after, data.records, data.rows).own
-    return bool(smeared[own].sum() > SETTINGS.most_smeared * np.count_nonzero(own))
+    return bool(smeared[own].sum() > _MOST_SMEARED * np.count_nonzero(own))
 
 
 def _from_a_switch(modes: NDArray[np.intp], series: Stretches, gap: float) -> Array:
