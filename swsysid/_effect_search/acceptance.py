@@ -18,7 +18,6 @@ from swsysid._effect_search.evidence import SlowForces, chance_of_gains
 from swsysid._effect_search.scan import is_between_samples, scan
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._effect_search.switches import is_smeared_mode
 from swsysid._journal import step
 from swsysid._residual_report.noise_floor import noise_floor
 from swsysid._results import Array
@@ -151,8 +150,6 @@ def _chance_of_a_structure(
     if isinstance(effect, ResetEffect):
         return effect.gain(*base.jumping, target)[1]
     others = [context.without(structure, place), *fewer]
-    if is_smeared_mode(context.data, others[0].fit, structure.fit):
-        return 1.0
     if isinstance(effect, GuardEffect):
         # one that remembers nothing may tell the modes better than the surface all the same
         others += context.without_memory(structure, place)

@@ -49,7 +49,7 @@ MOST_LINES = {
     "_effect_model": 2420,
     # rows and recordings, of positions alone too; what chance may explain, what was refuted, what
     # else was as good; text, pictures and page
-    "_effect_search": 9190,
+    "_effect_search": 9170,
     # what an effect cannot act on, in words; held channels; waves that steps cannot show
     "effects": 4050,
     # a writer for each tool: C, FMI 2 and 3, Modelica, MATLAB, SymPy, CasADi
