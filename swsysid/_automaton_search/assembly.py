@@ -174,7 +174,7 @@ def assembled(told: Told, stays: StayIdentification) -> Assembled:
     modes = [filled(own) for own in told.modes]
     order = order_of_modes(modes, len(told.coef))
     first_modes = first_modes_of(told.states, modes)
-    automaton = automaton_of(told.coef, feature_map, told.real, first_modes, order, interval)
+    automaton = automaton_of(told.coef, feature_map, told.changes, first_modes, order, interval)
     return Assembled(automaton, order)
 
 

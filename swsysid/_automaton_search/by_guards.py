@@ -99,7 +99,7 @@ def _ways(stays: StayIdentification, found: Sequence[Settled]) -> _Ways | None:
     columns = np.hstack([stays.estimate.states, nodes.u, unknown, nodes.t[:, None]])
     ways: _Ways = {}
     for one in found:
-        if one.forestalled or one.pair[0] == one.pair[1]:
+        if one.pair[0] == one.pair[1]:
             continue
         if one.guard is None or not (known := one.guard.guard.values(columns)).any():
             return None

@@ -83,7 +83,7 @@ def certificates(told: Told, given: Given, laws: Laws) -> list[Certificate]:
                        for rows, own in zip(inside, told.modes, strict=True)]),
             *_around(one, told, given, laws, entered),
         )
-        for one in told.real
+        for one in told.changes
     ]  # fmt: skip
 
 

@@ -13,9 +13,9 @@ condition must tell the ends of more stays than it has coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -123,37 +123,26 @@ def ways_of(found: FoundGuard, exits: Exits, target: int, degree: int) -> Ways:
     That is one of several conditions, or several guards any of which may rise: a mode that is left
     through the faces of a box stays inside as one that is entered through them stays outside.
     """
-    best: Ways = (found,)
     if target not in exits.targets:  # no row of such a stay follows a law
-        return best
+        return (found,)
     never, ends, reached = exits.sides(target)
     wrong = sum(exits.missed(target, found))
     if wrong <= (1.0 - SETTINGS.told_by_guard) * len(exits.targets):
-        return best
+        return (found,)
+    best: Ways = (found,)
     least = exits.nats(target, found) - _of_side(never) - SETTINGS.better
     # switches far below the guard may be none of it, and then say nothing of what holds besides
     near = reached[~(found.guard.values(reached) < -SETTINGS.near)]
-    switches = (near, reached) if 0 < len(near) < len(reached) else (reached,)
+    switches = [near, reached] if 0 < len(near) < len(reached) else [reached]
     # clocks are asked where states do not tell
     for seen in (without_clocks(never), never):
-        starts = []
-        for own in switches:
-            two, several = _corners(seen, exits.numbers(target), own)
-            some = [two, several] if several.cost < min(wrong, two.cost) else [two]
-            starts += [(one.cost, _all_of(one.by, seen, ends, own, degree)) for one in some]
-        faces = _corners(reached, np.arange(len(reached)), seen)[1]
-        if seen is not never and faces.cost < wrong:
-            starts.append((faces.cost, _any_of(faces.by, seen, reached, degree)))
-        for _, turns in sorted(starts, key=lambda one: one[0]):
-            before, is_own = np.inf, False
-            for told in turns:
-                nats = exits.nats(target, *told)
-                if nats > before:
-                    break
-                # later turns leave as little by wider margins
-                if is_own or nats < least:
-                    best, least, is_own = told, nats, True
-                before = nats
+        rows = _Rows(seen, exits.numbers(target), ends, degree)
+        starts = [start for own in switches for start in _starts_of_all(rows, own, wrong)]
+        if seen is not never:
+            starts += _starts_of_any(rows, reached, wrong)
+        for start in sorted(starts, key=lambda one: one.cost):
+            better, least = _least_unsaid(start.turns, least, partial(exits.nats, target))
+            best = better or best
             if not exits.missed(target, *best)[0]:
                 return best
         if best[0] is not found:
@@ -161,13 +150,51 @@ def ways_of(found: FoundGuard, exits: Exits, target: int, degree: int) -> Ways:
     return best
 
 
-def _all_of(
-    by: NDArray[np.intp], never: Array, ends: NDArray[np.bool_], reached: Array, degree: int
-) -> Iterator[Ways]:
+def _least_unsaid(
+    turns: Iterable[Ways], least: float, nats_of: Callable[..., float]
+) -> tuple[Ways | None, float]:
+    """The last of guards in turns that leave no more unsaid each, None if all leave the `least`."""
+    best, before = None, np.inf
+    for told in turns:
+        nats = nats_of(*told)
+        if nats > before:
+            break
+        # later turns leave as little by wider margins
+        if best is not None or nats < least:
+            best, least = told, nats
+        before = nats
+    return best, least
+
+
+class _Rows(NamedTuple):
+    """Rows at which a transition is not taken, and the degree of guards that are to say so."""
+
+    never: Array
+    stays: NDArray[np.intp]  # of which they are
+    ends: NDArray[np.bool_]  # which of them another transition leaves
+    degree: int
+
+
+class _Start(NamedTuple):
+    """Guards in turns, and what the thresholds cost from which they begin."""
+
+    cost: int
+    turns: Iterator[Ways]
+
+
+def _starts_of_all(rows: _Rows, reached: Array, wrong: int) -> list[_Start]:
+    """From two thresholds that hold together, and from several where these cost less."""
+    two, several = _corners(rows.never, rows.stays, reached)
+    some = [two, several] if several.cost < min(wrong, two.cost) else [two]
+    return [_Start(one.cost, _all_of(one.by, rows, reached)) for one in some]
+
+
+def _all_of(by: NDArray[np.intp], rows: _Rows, reached: Array) -> Iterator[Ways]:
     """Guards of several conditions, each told by the rows that the others leave, in turns.
 
     `by` is the condition that each row at which the transition is not taken is left to at first.
     """
+    never, _, ends, degree = rows
     numbers = range(by.max() + 1)
     for _ in range(_TURNS):
         conditions = []
@@ -191,13 +218,21 @@ def _all_of(
             return
 
 
-def _any_of(by: NDArray[np.intp], never: Array, reached: Array, degree: int) -> Iterator[Ways]:
+def _starts_of_any(rows: _Rows, reached: Array, wrong: int) -> list[_Start]:
+    """From thresholds of which any is passed, if these cost less than the guard."""
+    faces = _corners(reached, np.arange(len(reached)), rows.never)[1]
+    return [_Start(faces.cost, _any_of(faces.by, rows, reached))] if faces.cost < wrong else []
+
+
+def _any_of(by: NDArray[np.intp], rows: _Rows, reached: Array) -> Iterator[Ways]:
     """Several guards, each told by its own of the rows at which the transition is taken, in turns.
 
     `by` is the guard that each of these is left to at first.
     """
     for _ in range(_TURNS):
-        told = [told_apart(never, reached[by == number], degree) for number in np.unique(by)]
+        told = [
+            told_apart(rows.never, reached[by == number], rows.degree) for number in np.unique(by)
+        ]
         ways = tuple(one for one in told if one is not None)
         if not 1 < len(ways) == len(told):
             return

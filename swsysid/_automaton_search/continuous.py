@@ -8,7 +8,7 @@
    all pieces are joined, where it jumps they are cut, and stays are told anew. Recordings without
    noise tell both at once, interval by interval.
 3. *Guards.* Each transition gets the guard of fewest columns that is zero at its switches and below
-   zero at the samples of its mode (`guards`), unless another one forestalls it.
+   zero at the samples of its mode (`guards`).
 4. *Jointly.* Laws, guards and resets are refined together (`refined`).
 """
 
@@ -52,9 +52,7 @@ from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.transitions import (
     jumps_told,
-    possible,
     transitions_of,
-    with_brief_stays,
 )
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
@@ -146,16 +144,12 @@ def _identified(
         walk = cutting.walk
     stays = told_in_modes(stays)
     found = transitions_of(stays, pieces, terms)
-    more = with_brief_stays(found, stays, settings) if followed is None else None
-    if more is not None:
-        stays, found = more, transitions_of(more, pieces, terms)
     given = with_steps_of(stays, given, pieces)
-    found = _by_rollouts(given, stays, pieces, possible(found, stays))
+    found = _by_rollouts(given, stays, pieces, found)
     if followed is None:
 
         def guards_of(stays: StayIdentification) -> list[Settled]:
-            others = possible(transitions_of(stays, pieces, terms), stays)
-            return _by_rollouts(given, stays, pieces, others)
+            return _by_rollouts(given, stays, pieces, transitions_of(stays, pieces, terms))
 
         judge = partial(_free, given, pieces)
         stays, found = with_stays_by_guards(stays, found, guards_of, judge, settings)
@@ -233,7 +227,7 @@ def _answer(
             errors.coef[laws.untold[order]] = np.inf
     else:
         coef = certainty(stays, origin).coef
-        errors = AutomatonErrors.by_parts(coef, told.real, automaton, order)
+        errors = AutomatonErrors.by_parts(coef, told.changes, automaton, order)
         errors = errors_elsewhere(origin, errors, automaton)
     excess, neighbours = search.excess(stays, told.left), search.base.noise
     n_channels, most = len(excess), SETTINGS.excess(given.n_samples)
@@ -249,7 +243,7 @@ def _answer(
         told.left[: given.sensed.n_channels],
         _excess(excess, given, told, noise),
         verdicts_of(
-            told.real,
+            told.changes,
             certificates(told, given, laws),
             order,
             interval,

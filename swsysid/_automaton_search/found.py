@@ -147,7 +147,6 @@ class FoundTransition:
     times: Array  # (n_switches,)
     guard: FoundGuard | None
     reset: FoundReset | None
-    forestalled: bool = False  # by another one, always
     rank: int = 0  # among the ways out of its mode, which are asked in this order
     asked_at_samples: bool = False
 
@@ -209,11 +208,6 @@ class Told:
         return replace(self, transitions=transitions, modes=modes)
 
     @property
-    def real(self) -> list[FoundTransition]:
-        """Transitions at which something changes, and that can be taken."""
-        return [one for one in self.changes if not one.forestalled]
-
-    @property
     def changes(self) -> list[FoundTransition]:
-        """All at which something changes."""
+        """Transitions at which something changes."""
         return [one for one in self.transitions if one.is_one]

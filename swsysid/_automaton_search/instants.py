@@ -133,7 +133,6 @@ class Settled:
     guard: FoundGuard | None
     reset: FoundReset | None
     cost: float = 0.0
-    forestalled: bool = False  # by another one, always
     asked_at_samples: bool = False  # so that the instant is known to an interval
 
     @property
@@ -151,7 +150,7 @@ class Settled:
         """The transition."""
         own = self.switches
         return FoundTransition(
-            *self.pair, own.recording, own.times, self.guard, self.reset, self.forestalled,
+            *self.pair, own.recording, own.times, self.guard, self.reset,
             asked_at_samples=self.asked_at_samples,
         )  # fmt: skip
 

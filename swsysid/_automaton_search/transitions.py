@@ -1,9 +1,4 @@
-"""All transitions of an identification on stays: one for each pair of modes that follow.
-
-They are urgent: where the guard of a transition that is taken often has been passed, or is
-about to be, a rare one from the same mode cannot be taken instead: what looks like it is a stay in
-between that was too brief to be told. It is told where the automaton knows the way.
-"""
+"""All transitions of an identification on stays: one for each pair of modes that follow."""
 
 from __future__ import annotations
 
@@ -25,7 +20,6 @@ from swsysid._automaton_search.crossed import GuardTerms
 from swsysid._automaton_search.found import FoundGuard
 from swsysid._automaton_search.guards import (
     best_guard,
-    missed_by,
     missed_by_all,
     share_risen,
     where_it_rises,
@@ -35,17 +29,9 @@ from swsysid._automaton_search.one_surface import with_shared_surfaces
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches, at_samples, even, switches_of
 from swsysid._stays.certainty import certainty
-from swsysid._stays.descent import most_likely
 from swsysid._stays.given import Given
 from swsysid._stays.identification import StayIdentification
-from swsysid._stays.laws import Laws
 from swsysid._stays.pieces import Pieces
-from swsysid._stays.settings import StaySettings
-from swsysid._stays.stays import Stays
-
-# How often a transition is taken for each time of one that it forestalls, and intervals before
-# which its guard is about to be passed.
-_MORE_OFTEN, _ABOUT_TO = 3.0, 0.5
 
 
 def transitions_of(stays: StayIdentification, pieces: Pieces, terms: GuardTerms) -> list[Settled]:
@@ -204,17 +190,6 @@ def _by_instants(guard: FoundGuard, switches: Switches, context: GuardContext) -
     return replace(whole, misses=misses, last=last, sure=switches.errors)
 
 
-def possible(found: Sequence[Settled], stays: StayIdentification) -> list[Settled]:
-    """The transitions, those that another one forestalls without their guard."""
-    laws, interval = stays.estimate.laws, stays.estimate.nodes.recordings.interval
-    return [
-        one
-        if _forestalling(one, found, laws, interval) is None
-        else replace(one, guard=None, forestalled=True)
-        for one in found
-    ]
-
-
 def jumps_told(
     switches: list[Settled], before: list[NDArray[np.intp]], given: Given
 ) -> list[NDArray[np.intp]]:
@@ -233,52 +208,3 @@ def jumps_told(
         unjudged = np.setdiff1d(before[k], np.concatenate([[], *(at for _, at in judged)]))
         jumps.append(np.unique(np.concatenate([unjudged, *jumped])).astype(np.intp))
     return jumps
-
-
-def with_brief_stays(
-    found: Sequence[Settled], stays: StayIdentification, settings: StaySettings
-) -> StayIdentification | None:
-    """The stays with those in between told; None if there are none."""
-    estimate, recordings = stays.estimate, stays.estimate.nodes.recordings
-    pairs = {one.pair for one in found}
-    between = {}
-    for one in found:
-        other = _forestalling(one, found, estimate.laws, recordings.interval)
-        if other is not None and (other.pair[1], one.pair[1]) in pairs:
-            between[one.pair] = other.pair[1]
-    told = [_with(own, between, recordings.interval) for own in estimate.nodes.stays]
-    if all(one is own for one, own in zip(told, estimate.nodes.stays, strict=True)):
-        return None
-    within = [own.within(t) for own, t in zip(told, recordings.times, strict=True)]
-    first = replace(estimate, nodes=estimate.nodes.with_stays(within))
-    return replace(stays, reached=most_likely(first, stays.reached.noise, settings, near=True))
-
-
-def _with(stays: Stays, between: dict[tuple[int, int], int], duration: float) -> Stays:
-    """Stays of one recording with brief ones in some modes between others."""
-    modes, instants = [int(stays.modes[0])], []
-    for mode, instant in zip(stays.modes[1:].tolist(), stays.instants.tolist(), strict=True):
-        brief = between.get((modes[-1], mode))
-        if brief is None:
-            instants.append(instant)
-        else:
-            modes.append(brief)
-            instants += [instant - 0.5 * duration, instant + 0.5 * duration]
-        modes.append(mode)
-    return stays if len(modes) == len(stays.modes) else Stays(np.array(modes), np.array(instants))
-
-
-def _forestalling(
-    rare: Settled, found: Sequence[Settled], laws: Laws, interval: float
-) -> Settled | None:
-    """The transition whose guard has been passed at most switches of another, nearly."""
-    for often in found:
-        same = often.pair[0] == rare.pair[0]
-        more = len(often.switches) >= _MORE_OFTEN * len(rare.switches)
-        if same and more and often.guard is not None and often.guard.tells(interval):
-            columns, rates = rare.switches.before(laws)
-            passed = missed_by(often.guard.guard, columns, rates)
-            known = passed[np.isfinite(passed) & often.guard.goes_with(columns)]
-            if len(known) and np.mean(known > -_ABOUT_TO * interval) > 0.5:
-                return often
-    return None

@@ -18,12 +18,19 @@ from swsysid._effect_search.evidence import SlowForces, chance_of_gains
 from swsysid._effect_search.scan import is_between_samples, scan
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
-from swsysid._effect_search.switches import is_smeared_mode
 from swsysid._journal import step
 from swsysid._residual_report.noise_floor import noise_floor
 from swsysid._results import Array
 from swsysid._ties import first_largest, least_of
 from swsysid.effects import GuardEffect, PlacedEffect, ResetEffect, UnknownFunction
+
+_SHARE = 0.01  # of the squares that the declared model leaves over
+# One more mode bends to anything and explains whatever the first named effect leaves over.
+_SHARE_OF_A_MODE = 0.1
+# A filter and a law that is not known yet leave a gain of a few per cent where there is none.
+_TRIFLE = 0.005  # share of what an effect explains that its special case may lack
+_N_NEAREST = 3  # effects with a name that are told beside a function without one
+
 
 FEW_STRETCHES = (
     "it lies in a few stretches of the record, and rests on the noise there being that of the rest"
@@ -126,7 +133,7 @@ def _of_a_shape(
     nearest: dict[str, PlacedEffect] = {}
     for trial in top:
         nearest.setdefault(trial.candidate.effect.kind, trial.candidate)
-    rivals = list(nearest.values())[: SETTINGS.n_nearest]
+    rivals = list(nearest.values())[:_N_NEAREST]
     return Finding.of(term, count * base.p_value(own), rivals)
 
 
@@ -143,8 +150,6 @@ def _chance_of_a_structure(
     if isinstance(effect, ResetEffect):
         return effect.gain(*base.jumping, target)[1]
     others = [context.without(structure, place), *fewer]
-    if is_smeared_mode(context.data, others[0].fit, structure.fit):
-        return 1.0
     if isinstance(effect, GuardEffect):
         # one that remembers nothing may tell the modes better than the surface all the same
         others += context.without_memory(structure, place)
@@ -199,7 +204,7 @@ def simplest(base: CandidateContext, top: list[Trial]) -> Trial:
 
 def _special_case(base: CandidateContext, best: Trial, top: list[Trial]) -> Trial:
     """The best of the trials that are special cases of one and explain as much, or that one."""
-    own, least = best.candidate, 1.0 - SETTINGS.trifle
+    own, least = best.candidate, 1.0 - _TRIFLE
     cases = [
         trial
         for trial in top
@@ -231,7 +236,7 @@ def is_promising(
     # mode, which can bend to anything, a larger one.
     before, after = (context.squared_errors(one.fit, current.fit) for one in (current, best))
     explained = np.max((before - after) / context.declared_squares)
-    least = SETTINGS.share_of_a_mode if best.adds_a_mode else SETTINGS.share
+    least = _SHARE_OF_A_MODE if best.adds_a_mode else _SHARE
     return gain >= SETTINGS.gain_a_row * context.n_rows and bool(explained >= least)
 
 
@@ -243,7 +248,7 @@ def leaves_a_mode(context: SearchContext, current: Structure, named: Structure |
     """
     declared = context.declared_squares
     squares, share = _explainable(context, current)
-    if np.max(squares * share / declared, initial=0.0) < SETTINGS.share_of_a_mode:
+    if np.max(squares * share / declared, initial=0.0) < _SHARE_OF_A_MODE:
         return False
     if named is None:
         return True

@@ -27,6 +27,9 @@ from swsysid.effects import Effect, PlacedEffect
 from swsysid.effects._base import Place
 from swsysid.effects._placed import corrected
 
+_SURE = 0.95  # a row whose mode is less sure than this says nothing about the laws
+
+
 # Values that were scanned and theirs, with the effect, whose identity is the key while it is kept.
 Columns = dict[tuple[int, Place], tuple[Effect, Array, Array]]
 
@@ -324,7 +327,7 @@ def row_weights(fit: JointFit, data: SearchData) -> Array:
     residuals = fit.residuals(data.records, data.rows, data.targets)
     weight = robust_weights(residuals, data.exact)
     searched = data.records.take(data.rows)
-    sure = fit.mode_proba(searched).max(axis=1) >= SETTINGS.sure
+    sure = fit.mode_proba(searched).max(axis=1) >= _SURE
     sure &= fit.surface_modes(searched) == fit.modes
     if np.mean(~sure) <= SETTINGS.most_unsure:
         weight = np.where(sure, weight, 0.0)

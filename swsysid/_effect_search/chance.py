@@ -25,6 +25,9 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import memory
 from swsysid._results import Array
 
+_STAKES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of a wealth: one of them is near best
+
+
 Rows = NDArray[np.intp]
 
 
@@ -157,7 +160,7 @@ def chance_of_bets(values: Array, blocks: Rows, remembered: float) -> float:
     """
     # A test of sums asks that most blocks gain; a law that acts in a few of them can be as sure.
     wealth = []
-    for stake in SETTINGS.stakes:
+    for stake in _STAKES:
         won = np.bincount(blocks, np.log1p(stake * values)) / remembered
         wealth.append(float(won.sum() - max(won.max(), 0.0)))
     return float(min(1.0, len(wealth) * np.exp(-logsumexp(wealth))))

@@ -33,6 +33,12 @@ from swsysid._effect_search.settings import SETTINGS
 from swsysid._noise import robust_scale
 from swsysid._results import Array
 
+_SURE_SMEAR = 3.0  # standard errors of the correlation by which a filter is told
+_N_GENERALISED = 12  # times at most that a law and the noise beneath it are fitted in turn
+_FINE_SCALE = 0.01  # of sizes and times of a force, and nats: below every standard error
+_SAME_LIKELIHOOD = 0.5  # nats: a gain by which neither of them changes
+
+
 # First steps in the logarithms of a ratio and a time: by a factor of two.
 _SIMPLEX = np.log(2.0) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 
@@ -93,7 +99,7 @@ class Stretches:
         most = SETTINGS.gross * float(robust_scale(steps[self.inside][:, None])[0])
         steps = np.clip(steps, -most, most)  # a jump says nothing of its neighbours
         # those of a force that is forgotten in some ten samples turn back a little all along
-        by_chance = SETTINGS.sure_smear / np.sqrt(count) * float(np.sum(steps**2))
+        by_chance = _SURE_SMEAR / np.sqrt(count) * float(np.sum(steps**2))
         lag, clearest = 1, 0.0
         for sign in (1.0, -1.0):
             while (
@@ -254,7 +260,7 @@ def coloured(
     starts = [np.log([ratio, min(time, 0.5 * longest)]) for time in times]
     if near is not None and near.size > 0.0:
         starts = [np.log([near.size / near.noise, near.time_constant])]
-    enough = {"xatol": SETTINGS.fine_scale, "fatol": SETTINGS.fine_scale}
+    enough = {"xatol": _FINE_SCALE, "fatol": _FINE_SCALE}
     found = [
         minimize(
             lambda logs: bounded(logs)[1],
@@ -276,10 +282,10 @@ def beneath_a_law(features: Array, y: Array, where: Stretches) -> tuple[Coloured
     """
     coef = np.linalg.lstsq(features, y, rcond=None)[0]
     left, before, model = y - features @ coef, -np.inf, None
-    for _ in range(SETTINGS.n_generalised):
+    for _ in range(_N_GENERALISED):
         model = coloured(left, where, near=model)
         likelihood = float(model.log_likelihood(left, where).sum())
-        if likelihood < before + SETTINGS.same_likelihood:
+        if likelihood < before + _SAME_LIKELIHOOD:
             break
         precise, before = model.precise(features, where), likelihood
         coef = np.linalg.lstsq(features.T @ precise, precise.T @ y, rcond=None)[0]

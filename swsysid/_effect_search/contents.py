@@ -14,13 +14,14 @@ from swsysid._data.trajectories import label_text
 from swsysid._effect_regressor import EffectRegressor
 from swsysid._effect_search.contributions import Shape, effect_shape
 from swsysid._effect_search.rollouts import Rollout, free_of, rolled_out
-from swsysid._effect_search.settings import SETTINGS
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._noise import exact_below, root_mean_square
 from swsysid._rendering.parts import Parts, entries_of
 from swsysid._residual_report.report import ResidualReport
 from swsysid._results import Array
 from swsysid.effects import FoundEffect
+
+_POSSIBLE = 0.05  # probability of a mode that a row next to a surface may be in
 
 
 def stretches(
@@ -142,7 +143,7 @@ class EffectData:
     def mode_known(self) -> NDArray[np.bool_]:
         """Whether the model with the effects is sure of the mode, (n_rows,)."""
         probabilities = self.models[1].joint_fit_.mode_proba(self.records)[self.rows]
-        return np.asarray(probabilities.max(axis=1) > 1.0 - SETTINGS.possible)
+        return np.asarray(probabilities.max(axis=1) > 1.0 - _POSSIBLE)
 
     @cached_property
     def stretches(self) -> list[tuple[str, NDArray[np.intp]]]:

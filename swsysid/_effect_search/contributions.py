@@ -34,7 +34,11 @@ from swsysid._results import Array
 from swsysid.effects import Parameter, PlacedEffect, ResetEffect, UnknownFunction
 from swsysid.effects._placed import corrected
 
-NORMAL_QUANTILE = float(stats.norm.ppf(0.5 + 0.5 * SETTINGS.level))
+_LEVEL = 0.95  # of confidence intervals and bands
+_STEP = 0.05  # of a derivative, as a share of the distance between values of the scan
+
+
+NORMAL_QUANTILE = float(stats.norm.ppf(0.5 + 0.5 * _LEVEL))
 _JUMP = 0.02  # neighbours of a function differ by less than this share of its range
 _SMALLEST_FACTOR = 0.5  # of its usual size: a function is told where it is larger
 _STRETCH = 300  # samples of one trajectory that are shown where time is the axis
@@ -46,7 +50,7 @@ def parameter_intervals(
     """Intervals of the physical parameters of every term of a fit to all rows."""
     # `covariances` are those of `term_covariances`; terms without columns have no intervals.
     seen = corrected(fit.terms, records)
-    quantile = float(stats.t.ppf(0.5 + 0.5 * SETTINGS.level, max(len(records) - 1, 1)))
+    quantile = float(stats.t.ppf(0.5 + 0.5 * _LEVEL, max(len(records) - 1, 1)))
     return [
         _physical_intervals(fit, place, seen, own, quantile) if len(own) else {}
         for place, own in enumerate(covariances)
@@ -112,7 +116,7 @@ def deviations(columns: Array, covariance: Array) -> Array:
 
 def small_step(parameter: Parameter, value: float) -> float:
     """Of a nonlinear parameter, over which an effect is nearly linear."""
-    return SETTINGS.step * _spacing(parameter.values, value) or 1e-6 * (abs(value) or 1.0)
+    return _STEP * _spacing(parameter.values, value) or 1e-6 * (abs(value) or 1.0)
 
 
 def _spacing(values: Array, value: float) -> float:

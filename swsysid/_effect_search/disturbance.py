@@ -72,27 +72,24 @@ def _needed(forces: SlowForces, structure: Structure, n_candidates: int) -> Stru
     context = forces.context
     least = np.log(n_candidates / context.significance)
     while True:
-        asked = [(*_worth(forces, structure, group), group) for group in _asked(structure)]
-        acts, gain, group = min(asked, default=(True, np.inf, ()))
-        if acts and gain > least:
+        asked = [(_worth(forces, structure, group), group) for group in _asked(structure)]
+        gain, group = min(asked, default=(np.inf, ()))
+        if gain > least:
             return structure
         structure = context.without(structure, *group)
 
 
-def _worth(forces: SlowForces, structure: Structure, group: tuple[int, ...]) -> tuple[bool, float]:
-    """Whether effects may act at all, and their gain in log likelihood beside a disturbance.
+def _worth(forces: SlowForces, structure: Structure, group: tuple[int, ...]) -> float:
+    """The gain of effects in log likelihood beside a disturbance, less its error.
 
-    It is less its error, and infinite where nothing would be remembered without them.
+    It is infinite where nothing would be remembered without them.
     """
     target = structure.terms[group[0]].target
     fewer = forces.context.without(structure, *group)
     if not forces.remembers(fewer, target):
-        return True, np.inf
-    observed = forces.gain_of_observer(fewer, structure, target)
-    if observed is not None:
-        return False, observed
+        return np.inf
     gain, more = forces.gain(fewer, structure, target)
-    return True, gain.value - more - gain.error  # each parameter explains a nat (Akaike)
+    return gain.value - more - gain.error  # each parameter explains a nat (Akaike)
 
 
 def _asked(structure: Structure) -> list[tuple[int, ...]]:

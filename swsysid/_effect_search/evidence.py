@@ -9,17 +9,6 @@ on it, are tested.
 Where residuals remember each other for long a regression is hardly sure of anything, although the
 sample before says most of what they are. Likelihoods are compared with a force that is forgotten
 slowly beneath the noise, with an effect and without it (`SlowForces`).
-
-The states of a map show a force one step before each row (`StepBefore`). A state :math:`x_k =
-\varphi_{k-1}^\top c + d_{k-1}` shows the force d of the step before as exactly as states are
-measured, often better than the residuals of noisy targets do. Whatever remembers inputs helps an
-observer to tell that force from the states, and so seems to act wherever there is one. Beside the
-force that the law itself leaves of that step,
-
-.. math:: y_k = \varphi_k^\top c + \rho\,(x_k - \varphi_{k-1}^\top c) + e_k,
-
-it does not, unless it acts. For a given :math:`\rho` this is a linear regression of
-:math:`y_k - \rho x_k` on :math:`\varphi_k - \rho \varphi_{k-1}` (Cochrane and Orcutt, 1949).
 """
 
 from __future__ import annotations
@@ -30,7 +19,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.optimize import minimize_scalar
 
 from swsysid._effect_search.chance import BlockSum, chance_of_bets
 from swsysid._effect_search.coloured_noise import (
@@ -42,13 +30,16 @@ from swsysid._effect_search.coloured_noise import (
     rows_in_order,
     white,
 )
-from swsysid._effect_search.folds import SearchData, memory_of
+from swsysid._effect_search.folds import memory_of
 from swsysid._effect_search.held_out import held_out_errors
 from swsysid._effect_search.settings import SETTINGS
 from swsysid._effect_search.structures import SearchContext, Structure
 from swsysid._noise import robust_scale
 from swsysid._results import Array
-from swsysid.effects._memory import Remembering
+
+_SHARE_OF_A_DISTURBANCE = 0.05  # what effects leave over a little is no force
+_SLOW_STEPS = 4  # steps of the record that a force is remembered for, unlike noise
+_OFTEN = 0.1  # share of the rows with gross errors that last: then they are a force
 
 
 def chance_of_gains(context: SearchContext, before: Structure, after: Structure) -> float:
@@ -109,8 +100,8 @@ class SlowForces:
         )
         left = left[self._ordered[0]]
         far = np.abs(left) > gross
-        lasting = far & (self.where.runs(far) >= SETTINGS.slow_steps)
-        often = lasting.mean() >= SETTINGS.often
+        lasting = far & (self.where.runs(far) >= _SLOW_STEPS)
+        often = lasting.mean() >= _OFTEN
         return np.where(far & ~(lasting & often), 0.0, left)
 
     def gain(self, fewer: Structure, structure: Structure, target: int) -> tuple[BlockSum, int]:
@@ -138,7 +129,7 @@ class SlowForces:
 
     def disturbance(self, structure: Structure, target: int) -> tuple[Coloured, float] | None:
         """The force beneath what a structure leaves over of a state, and its p-value."""
-        left = self._beside_states(structure, target, self.residuals(structure, target))
+        left = self.residuals(structure, target)
         model = coloured(left, self.where)
         p_value = self._p_value(model, left, target)
         surely = p_value <= self.context.significance and self._is_slow(model, left)
@@ -159,29 +150,6 @@ class SlowForces:
         is_filtered = max(self._smeared(left), self._smeared(declared)) > 1
         return not is_filtered or self._is_slow(model, left)
 
-    def gain_of_observer(self, fewer: Structure, structure: Structure, target: int) -> float | None:
-        """What effects that remember inputs gain beside what the states show of a force.
-
-        None where that is much of what they gain alone: then they act, and tell no force. The
-        states of a map show it; velocities are what the change of the states is.
-        """
-        more = [term.effect for term in structure.terms if term not in fewer.terms]
-        remembering = any(isinstance(effect, Remembering) for effect in more)
-        if not remembering or not self.context.model.discrete_time:
-            return None
-        usual = self._ordered[0][self.residuals(structure, target) != 0.0]
-        step = StepBefore.of(self.context.data, target)
-        # At the same modes: those found without an observer of the force are wrong, and an effect
-        # would seem to explain what their rows leave.
-        modes = structure.fit.modes
-        before, after = (
-            step.law(*self._law(option, target, modes), usual)[1:] for option in (fewer, structure)
-        )
-        least = len(usual) * self.context.data.exact[target] ** 2
-        ratios = np.maximum(before, least) / np.maximum(after, least)
-        alone, with_law = 0.5 * len(usual) * np.log(ratios)
-        return float(with_law) if with_law < SETTINGS.observed * alone else None
-
     def chance(self, fewer: Structure, structure: Structure, target: int) -> tuple[float, float]:
         """Of what effects gain beside a force that they leave behind, and that by its blocks.
 
@@ -193,27 +161,11 @@ class SlowForces:
         by_chance = stats.chi2.sf(2.0 * max(gain.value - gain.error, 0.0), max(more, 1))
         return float(by_chance), replace(gain, value=gain.value - more).chance
 
-    def _beside_states(self, structure: Structure, target: int, left: Array) -> Array:
-        """Residuals of the law beside the force that the states of a map show."""
-        # A law that is fitted as if there were none takes the slow part of it from the states.
-        if not self.context.model.discrete_time or _may_run_away(structure):
-            return left
-        features, y = self._law(structure, target)
-        order, step = self._ordered[0], StepBefore.of(self.context.data, target)
-        coef, *_ = step.law(features, y, order[left != 0.0])
-        return np.where(left != 0.0, (y - features @ coef)[order], 0.0)
-
-    def _law(
-        self, structure: Structure, target: int, modes: NDArray[np.intp] | None = None
-    ) -> tuple[Array, Array]:
-        """Columns of all that acts on a state, mode by mode, and its velocities.
-
-        The modes are those of the structure unless others are given.
-        """
+    def _law(self, structure: Structure, target: int) -> tuple[Array, Array]:
+        """Columns of all that acts on a state, mode by mode, and its velocities."""
         problem = self.context.candidates(structure.fit).regression
-        modes = problem.modes if modes is None else modes
         each = [
-            problem.features[:, problem.support[mode, target]] * (modes == mode)[:, None]
+            problem.features[:, problem.support[mode, target]] * (problem.modes == mode)[:, None]
             for mode in range(problem.n_modes)
         ]
         columns = np.column_stack(each)
@@ -228,14 +180,14 @@ class SlowForces:
 
     def _steps(self, left: Array) -> int:
         """Steps after which no noise, and no filter of it, is remembered."""
-        return max(SETTINGS.slow_steps, self._smeared(left))
+        return max(_SLOW_STEPS, self._smeared(left))
 
     def _p_value(self, model: Coloured, left: Array, target: int) -> float:
         """That of a memory of residuals; one if it explains too little to be worth a name."""
         squares = self.context.declared_squares
         gain = _lead(model, white(left), left, self.where)
         p_value = len(squares) * float(stats.chi2.sf(2.0 * max(gain, 0.0), 2))
-        worth = model.size**2 >= SETTINGS.share_of_a_disturbance * squares[target]
+        worth = model.size**2 >= _SHARE_OF_A_DISTURBANCE * squares[target]
         enough = gain >= SETTINGS.gain_a_row * len(left)
         return p_value if worth and enough else 1.0
 
@@ -258,44 +210,3 @@ def _lead(one: Coloured, other: Coloured, left: Array, where: Stretches) -> floa
     """Gain in log likelihood of one model of residuals over another."""
     gains = one.log_likelihood(left, where) - other.log_likelihood(left, where)
     return float(gains.sum())
-
-
-@dataclass(frozen=True)
-class StepBefore:
-    """The row before each row of a search, where it is one of these, and what the state was."""
-
-    rows: NDArray[np.intp]  # of those searched that have one
-    before: NDArray[np.intp]
-    state: Array  # (n_rows,)
-
-    @classmethod
-    def of(cls, data: SearchData, target: int) -> StepBefore:
-        """Neighbours in the trajectories of the record, no longer than a gap apart."""
-        records, number = data.records, np.full(len(data.records), -1)
-        assert records.t is not None
-        number[data.rows] = np.arange(len(data.rows))
-        pairs = np.hstack([np.stack([rows[:-1], rows[1:]]) for rows in records.trajectories])
-        near = np.abs(np.diff(records.t[pairs], axis=0)[0]) <= SETTINGS.gap_steps * records.step
-        before, rows = number[pairs[:, near]]
-        known = (before >= 0) & (rows >= 0)
-        return cls(rows[known], before[known], records.X[data.rows, target])
-
-    def law(
-        self, features: Array, targets: Array, usual: NDArray[np.intp]
-    ) -> tuple[Array, float, float]:
-        """Coefficients of a law beside the force that it shows, and what it leaves of usual rows.
-
-        The squares are those of the law alone, and beside the force.
-        """
-        earlier, shown = np.zeros_like(features), np.zeros_like(targets)
-        earlier[self.rows], shown[self.rows] = features[self.before], self.state[self.rows]
-        columns = np.column_stack([features, targets, earlier, shown])
-        now, then = np.hsplit(np.linalg.qr(columns[usual], mode="r"), 2)
-
-        def fitted(share: float) -> tuple[Array, float]:
-            rest = now - share * then
-            coef = np.linalg.lstsq(rest[:, :-1], rest[:, -1], rcond=None)[0]
-            return np.asarray(coef), float(np.sum((rest[:, -1] - rest[:, :-1] @ coef) ** 2))
-
-        best = minimize_scalar(lambda share: fitted(share)[1], bounds=(0.0, 1.0), method="bounded")
-        return fitted(best.x)[0], fitted(0.0)[1], float(best.fun)

@@ -32,6 +32,10 @@ from swsysid.effects import (
     UnmeasuredDisturbance,
 )
 
+_PLAIN = 0.9  # share of a held-out error: velocities that leave less need no rollout
+_DIFFERING = 0.05  # share of the samples on which two rivals differ most
+_AS_GOOD = 1.5  # ratio of held-out errors beyond which no one calls an effect as good
+
 
 @dataclass(frozen=True)
 class Ladder:
@@ -122,7 +126,7 @@ class Ladder:
     @property
     def is_plain(self) -> bool:
         """True if there are no doubts, and the error clearly falls."""
-        return not self.is_in_doubt and self.gained * SETTINGS.plain > 1.0
+        return not self.is_in_doubt and self.gained * _PLAIN > 1.0
 
     def is_refused(self, rollouts: Sequence[Rollout], measured: bool) -> bool:
         """True if rollouts speak against the effect without which least is lost.
@@ -234,7 +238,7 @@ def _rivals(ladder: Ladder, place: int, gaining: int) -> tuple[Rival, ...]:
     (_, before), (_, after) = ladder.errors[place : place + 2]
     falls = after[gaining] < before[gaining]
     middle = 0.5 * (before[gaining] + after[gaining])
-    most = min(middle, SETTINGS.as_good * after[gaining]) if falls else np.inf
+    most = min(middle, _AS_GOOD * after[gaining]) if falls else np.inf
     if isinstance(ladder.terms[place].effect, UnknownFunction):
         most = np.inf
     # in the place of one more mode there are those of the model before it
@@ -271,7 +275,7 @@ def _advice(ladder: Ladder, place: int, other: JointFit) -> str:
     difference = np.abs(predicted - other.predict(records)).sum(axis=1)
     if difference.max() <= 1e-9 * np.abs(predicted).max():
         return "the two are the same function of these data: samples outside their range"
-    most = np.argsort(-difference)[: max(10, int(SETTINGS.differing * len(difference)))]
+    most = np.argsort(-difference)[: max(10, int(_DIFFERING * len(difference)))]
     acting = ladder.terms[place].place
     channel = acting if isinstance(acting, int) else 0
     low, high = np.quantile(records.channel(channel)[most], [0.1, 0.9])

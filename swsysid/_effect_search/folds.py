@@ -24,6 +24,15 @@ from swsysid._output_error.stretches import fewest_rows
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 
+_HELD_OUT = 0.25  # share that takes part in no choice
+_N_BLOCKS = 32  # of a t-test: its quantiles are those of the normal law to a few per cent
+_FEWEST_TRAJECTORIES = 6  # with fewer, stretches are held out instead of whole ones
+_N_STRETCHES = 16
+_FORGOTTEN_ROWS = 2.0  # rows: what remembers no more than the next one leaves no gap
+_EXCITED = 0.2  # of a channel's spread: where it moves less nothing of it is learned
+_GAP_OF_STRETCHES = 0.01  # of a trajectory, between a held-out stretch and its neighbours
+
+
 Rows = NDArray[np.intp]
 
 
@@ -156,16 +165,16 @@ def split_records(records: Records, rng: np.random.RandomState, window: int = 1)
     """
     if not records.ordered:
         order = rng.permutation(len(records))
-        n_held = round(SETTINGS.held_out * len(records))
+        n_held = round(_HELD_OUT * len(records))
         return Split(np.sort(order[n_held:]), np.sort(order[:n_held]), "random rows")
-    trajectories, fewest = records.trajectories, SETTINGS.fewest_trajectories
+    trajectories, fewest = records.trajectories, _FEWEST_TRAJECTORIES
     least = fewest_rows(records) if records.n_hidden else 1
     if max(map(len, trajectories)) < 4 * least:  # a quarter of one is too short to be rolled out
         fewest = 4
     if len(trajectories) < fewest:
         return _separate_stretches(trajectories, window, least)
     order = rng.permutation(len(trajectories))
-    n_held = max(1, round(SETTINGS.held_out * len(trajectories)))
+    n_held = max(1, round(_HELD_OUT * len(trajectories)))
     held = np.concatenate([trajectories[place] for place in order[:n_held]])
     kept = np.concatenate([trajectories[place] for place in order[n_held:]])
     return Split(np.sort(kept), np.sort(held), f"{n_held} whole trajectories")
@@ -174,10 +183,10 @@ def split_records(records: Records, rng: np.random.RandomState, window: int = 1)
 def _separate_stretches(trajectories: list[Rows], window: int, least: int) -> Split:
     """Every fourth stretch is held out, with a gap to its neighbours, of `least` rows if it can."""
     longest = max(map(len, trajectories))
-    per_trajectory = max(4, min(SETTINGS.n_stretches // len(trajectories), longest // least))
+    per_trajectory = max(4, min(_N_STRETCHES // len(trajectories), longest // least))
     kept, held = [], []
     for rows in trajectories:
-        gap = max(2, window - 1, int(SETTINGS.gap * len(rows)))
+        gap = max(2, window - 1, int(_GAP_OF_STRETCHES * len(rows)))
         pieces = np.array_split(rows, per_trajectory)
         taken = [place % 4 == 2 for place in range(per_trajectory)]
         for place, piece in enumerate(pieces):
@@ -200,8 +209,8 @@ def exciting_folds(
     while True:
         folds = make_folds(records, n_folds, rng, remembered)
         spreads = [records.X[train].std(axis=0) for train, _ in folds.parts]
-        moves = np.min(spreads, axis=0) >= SETTINGS.excited * records.X.std(axis=0)
-        if moves.all() or remembered <= SETTINGS.forgotten:
+        moves = np.min(spreads, axis=0) >= _EXCITED * records.X.std(axis=0)
+        if moves.all() or remembered <= _FORGOTTEN_ROWS:
             return folds
         remembered *= 0.5
 
@@ -219,11 +228,11 @@ def make_folds(
     """
     if records.ordered:
         trajectories = records.trajectories
-        per_trajectory = -(-SETTINGS.n_blocks // len(trajectories))
+        per_trajectory = -(-_N_BLOCKS // len(trajectories))
         whole = len(trajectories) >= n_folds
     else:
         trajectories, remembered = [rng.permutation(len(records))], 1.0
-        per_trajectory, whole = SETTINGS.n_blocks, False
+        per_trajectory, whole = _N_BLOCKS, False
     blocks = np.empty(len(records), dtype=np.intp)
     fold = np.empty(len(records), dtype=np.intp)
     near = np.zeros((n_folds, len(records)), dtype=bool)  # rows that remember those of a fold
@@ -239,7 +248,7 @@ def make_folds(
             here = np.concatenate([pieces[number] for number in part])
             fold[here], n_parts = (place if whole else n_parts) % n_folds, n_parts + 1
         margin = min(int(remembered), len(rows) // (2 * most))
-        for number in range(n_folds if remembered > SETTINGS.forgotten and not whole else 0):
+        for number in range(n_folds if remembered > _FORGOTTEN_ROWS and not whole else 0):
             near[number, rows] = maximum_filter1d(fold[rows] == number, 2 * margin + 1)
     parts = [
         (np.flatnonzero((fold != number) & ~near[number]), np.flatnonzero(fold == number))

@@ -34,6 +34,13 @@ from swsysid._stays.start import named
 from swsysid.differentiation import choose_smoothing
 from swsysid.effects import Effect, all_effects
 
+_EXPLAINS_NOTHING = 0.1  # of a velocity's variance: a declared model with less is none
+_DIFFERENTIATED_ROWS = 500  # of one trajectory: a difference is one in all of its rows
+_FEWEST_DIFFERENTIATED = 100  # rows: of fewer nobody says that they are differences
+_LONGEST_DIFFERENTIATOR = 51  # samples of a moving polynomial
+_ADDING_UP = 30  # steps over which the noise of measured velocities leads away from states
+_TOO_CLOSE = 0.5  # share of that: velocities nearer to the states were made of them
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -170,13 +177,13 @@ def _of_the_laws(
     features = fit.features(records, rows)
     for state in np.flatnonzero(~exact):
         share = _explained(left[:, state], targets[:, state])
-        if share >= SETTINGS.explains_nothing:
+        if share >= _EXPLAINS_NOTHING:
             continue
         squares = _explained(
             _least_squares(features, targets[:, state], fit.modes), targets[:, state]
         )
         advice = "check its terms, its units and the order of the columns"
-        if squares >= SETTINGS.explains_nothing:
+        if squares >= _EXPLAINS_NOTHING:
             if not _mostly_rests(targets[:, state]):
                 continue  # its terms are not the wrong ones: it lacks some
             advice = (
@@ -201,7 +208,7 @@ def _explained(left: Array, targets: Array) -> float:
 def _mostly_rests(targets: Array) -> bool:
     """Whether the usual velocity is none beside those of a few rows."""
     usual = float(robust_scale(targets - np.median(targets)))
-    return usual < SETTINGS.explains_nothing * float(targets.std())
+    return usual < _EXPLAINS_NOTHING * float(targets.std())
 
 
 def _least_squares(features: Array, targets: Array, modes: NDArray[np.intp]) -> Array:
@@ -224,7 +231,7 @@ def states_differentiated(records: Records, targets: Array) -> list[int]:
     if not records.timed:
         return []
     assert records.t is not None
-    rows = max(records.trajectories, key=len)[: SETTINGS.differentiated_rows]
+    rows = max(records.trajectories, key=len)[:_DIFFERENTIATED_ROWS]
     X, t, velocities = records.X[rows], records.t[rows], targets[rows]
     return [
         state
@@ -245,7 +252,7 @@ def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
     if not records.timed or records.static:
         return False
     order, series = Stretches.of(records, SETTINGS.gap_steps)
-    n_steps = SETTINGS.adding_up
+    n_steps = _ADDING_UP
     X, velocities, steps = records.X[order, : records.n_states], targets[order], series.waits[1:]
     waits = np.where(series.inside[1:], steps, 0.0)[:, None]
     slopes = 0.5 * (velocities[1:] + velocities[:-1])
@@ -256,12 +263,12 @@ def follow_the_states(records: Records, targets: Array, left: Array) -> bool:
     away = root_mean_square((astray[n_steps:] - astray[:-n_steps])[together])
     shared = np.array([series.smeared(column) for column in left[order].T])
     expected = robust_scale(left) * series.step * np.sqrt(n_steps * shared)
-    return bool((away < SETTINGS.too_close * expected).any())
+    return bool((away < _TOO_CLOSE * expected).any())
 
 
 def _is_made_of(x: Array, t: Array, velocity: Array) -> bool:
     """Whether a velocity is a slope of the samples beside it, to rounding."""
-    if len(x) < SETTINGS.fewest_differentiated or np.ptp(velocity) == 0.0:
+    if len(x) < _FEWEST_DIFFERENTIATED or np.ptp(velocity) == 0.0:
         return False
     least = np.diff(t).min()
     rounding = 1e3 * np.finfo(float).eps * (np.abs(x).max() / least + np.abs(velocity).max())
@@ -284,7 +291,7 @@ def _slopes(x: Array, t: Array) -> Iterator[tuple[int, int, Array]]:
     steps = np.diff(t)
     if np.ptp(steps) > 1e-6 * steps.mean():
         return
-    for window in range(5, SETTINGS.longest_differentiator + 1, 2):
+    for window in range(5, _LONGEST_DIFFERENTIATOR + 1, 2):
         for degree in (2, 4):
             delta = float(steps.mean())
             yield degree, window // 2, savgol_filter(x, window, degree, deriv=1, delta=delta)

@@ -50,6 +50,13 @@ from swsysid.differentiation._smoothing import local_polynomial
 from swsysid.differentiation._strength import WINDOWS, Strength, strongest
 from swsysid.effects import StructureEffect
 
+_FEWEST_ROWS = 40
+_N_FILTERINGS = 3  # the later ones with a better model of what need not be filtered
+_DEGREE = 2  # of local polynomials: a slope in the middle is a mean of what it shows
+_DECIDING_ROWS = 600  # of the longest stays, which say how straight a rest is
+_ENOUGH_ROWS = 200  # a longer window is not worth fewer
+_ENOUGH_ROWS_OF_A_MODE = 40  # nor these, of which three folds must tell its law
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -87,7 +94,7 @@ class Measured:
     @property
     def _fewest(self) -> int:
         n_columns = self.records.X.shape[1] + self.targets.shape[1]
-        return max(SETTINGS.fewest_rows, SETTINGS.rows_a_column * n_columns)
+        return max(_FEWEST_ROWS, SETTINGS.rows_a_column * n_columns)
 
     def fitted(self, declared: Declared, rows: Rows | None = None) -> JointFit:
         """The declared model alone, fitted to these rows or some of them."""
@@ -137,7 +144,7 @@ def from_states(declared: Declared, records: Records) -> Measured:
         states, disturbance = _lacking(fit, records)
     decoding = decoded(fit.laws, records, states, fit.contributions, disturbance)
     measured = _filtered(fit, records, states, decoding)
-    for _ in range(SETTINGS.n_filterings - 1):
+    for _ in range(_N_FILTERINGS - 1):
         fit, states = measured.fitted(declared), measured.records.X
         decoding = decoded(fit.laws, records, states, fit.contributions, decoding.disturbances)
         measured = _filtered(fit, records, states, decoding)
@@ -259,9 +266,9 @@ def _windows(rest: Array, records: Records, modes: Modes, stretches: list[Rows])
     ]
     longest = _longest(of_modes)
     lengths = [w for w in WINDOWS if SETTINGS.shortest_window <= w <= longest]
-    candidates = [Strength(local_polynomial(w, SETTINGS.degree), window=w) for w in lengths]
+    candidates = [Strength(local_polynomial(w, _DEGREE), window=w) for w in lengths]
     long = sorted(stays, key=len, reverse=True)
-    enough = np.cumsum([len(stay) for stay in long]) >= SETTINGS.deciding_rows
+    enough = np.cumsum([len(stay) for stay in long]) >= _DECIDING_ROWS
     long = long[: int(np.argmax(enough)) + 1] if enough.any() else long
     # The equation that bends most decides: the others lose nothing but some of their quiet.
     chosen = [
@@ -271,7 +278,7 @@ def _windows(rest: Array, records: Records, modes: Modes, stretches: list[Rows])
         for column in rest.T
     ]
     length = min((one.window for one in chosen if one.window), default=SETTINGS.shortest_window)
-    return Windows(records.t, stays, length // 2, SETTINGS.degree)
+    return Windows(records.t, stays, length // 2, _DEGREE)
 
 
 def _longest(of_modes: list[Rows]) -> int:
@@ -285,8 +292,8 @@ def _longest(of_modes: list[Rows]) -> int:
         [np.maximum(own[:, None] - windows + 1, 0).sum(axis=0) for own in of_modes], dtype=float
     )
     rows = left * SETTINGS.rows_a_window / windows
-    own = np.minimum(SETTINGS.enough_rows_of_a_mode, rows.max(axis=1, keepdims=True))
-    many = (rows.sum(axis=0) >= SETTINGS.enough_rows) & (rows >= own).all(axis=0)
+    own = np.minimum(_ENOUGH_ROWS_OF_A_MODE, rows.max(axis=1, keepdims=True))
+    many = (rows.sum(axis=0) >= _ENOUGH_ROWS) & (rows >= own).all(axis=0)
     worth = np.prod(left * (windows / most) ** 2, axis=0)
     return int(windows[np.argmax(np.where(many, worth, 0.0))])
 

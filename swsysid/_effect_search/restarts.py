@@ -25,6 +25,9 @@ from swsysid._rendering.progress import watched
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect
 
+_SAME_MODES = 0.995  # share of the rows: then an effect has left the modes as they were
+_N_SPLITS = 17  # thresholds of a channel: about every twentieth row of a mode
+
 
 def is_large(base: CandidateContext, best: Trial) -> bool:
     """Whether a candidate gains more than an effect must, be it significant or not."""
@@ -45,7 +48,7 @@ def with_modes(
     unchanged = np.mean(warm.fit.modes == current.fit.modes)
     # Modes that are told may be wrong together with those of the declared model: few rows are left
     # in the stays, and one that is wrong decides between two kinds.
-    if current.fit.n_modes == 1 or (modes is None and unchanged >= SETTINGS.same_modes):
+    if current.fit.n_modes == 1 or (modes is None and unchanged >= _SAME_MODES):
         return [warm]  # the modes were right without the effect
     restarts = [
         replace(candidate, mode=None, replaced=None)
@@ -78,9 +81,7 @@ def with_one_split(base: CandidateContext) -> NDArray[np.intp] | None:
     for mode in range(problem.n_modes):
         own = np.flatnonzero(problem.modes == mode)
         for values in X[own].T:
-            cut = best_cut(
-                problem.features[own], left[own], values, least, SETTINGS.n_splits, floor
-            )
+            cut = best_cut(problem.features[own], left[own], values, least, _N_SPLITS, floor)
             cuts += [Cut(cut.gain, own[cut.rows])] if cut is not None else []
     if not cuts:
         return None

@@ -24,7 +24,6 @@ from scipy.optimize import minimize_scalar
 from swsysid._effect_search.candidates import CandidateContext, Trial
 from swsysid._effect_search.coloured_noise import rows_in_order
 from swsysid._effect_search.regression import AllEquations, Background, Regression, Solution
-from swsysid._effect_search.settings import SETTINGS
 from swsysid._journal import step
 from swsysid._results import Array
 from swsysid._ties import first_largest, first_least
@@ -41,6 +40,12 @@ from swsysid.effects import (
 )
 from swsysid.effects._base import Place
 from swsysid.effects._memory import Remembering
+
+_FINE_STEP = 1e-3  # of the distance between two values of a scan: below every interval
+_N_SWEEPS = 5  # over parameters of one effect that trade off
+_HELD_LATE = 0.6  # steps: a held input is late by half of one, as far as it is known
+_CORRECTION = 5.0  # gain for which the correction of a sensor is worth a fit
+
 
 Mode = int | None  # all modes alike if None
 Solutions = dict[Mode, Solution]
@@ -185,7 +190,7 @@ def _best_near(
         return -float(sum(one.gain[0, 0, candidate.target] for one in solved.values()))
 
     least = loss(theta) if theta else 0.0
-    for _ in range(SETTINGS.n_sweeps if len(theta) > 1 else 1):
+    for _ in range(_N_SWEEPS if len(theta) > 1 else 1):
         before = least
         for place, values in enumerate(map(np.unique, grid.T)):
             if len(values) > 1:
@@ -193,10 +198,10 @@ def _best_near(
                 def along(value: float, place: int = place) -> float:
                     return loss((*theta[:place], value, *theta[place + 1 :]))
 
-                found, there = _least_near(along, values, theta[place], SETTINGS.fine)
+                found, there = _least_near(along, values, theta[place], _FINE_STEP)
                 if there < least:
                     theta[place], least = found, there
-        if before - least <= SETTINGS.fine * abs(least):
+        if before - least <= _FINE_STEP * abs(least):
             break
     return tuple(theta)
 
@@ -254,11 +259,11 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
 
         losses = [misfit(value) for value in parameter.values]
         best = int(first_least(losses))
-        if losses[best] > misfit(0.0) - SETTINGS.correction:
+        if losses[best] > misfit(0.0) - _CORRECTION:
             continue
         value = float(parameter.values[best])
         if not parameter.exact:
-            value, _ = _least_near(misfit, parameter.values, value, SETTINGS.fine)
+            value, _ = _least_near(misfit, parameter.values, value, _FINE_STEP)
         yield PlacedEffect(effect, place, place, theta=(value,))
 
 
@@ -331,4 +336,4 @@ def is_between_samples(context: CandidateContext, trial: Trial) -> bool:
         at_once = context.regression.features[:, features] @ np.mean(laws, axis=0)[features, 0]
         direct = float(channel @ at_once) / float(channel @ channel)
     late = own * candidate.theta[0] / (own + direct)
-    return bool(0.0 <= late <= SETTINGS.held_late * context.records.step)
+    return bool(0.0 <= late <= _HELD_LATE * context.records.step)

@@ -29,6 +29,12 @@ from swsysid._noise import robust_regression, robust_scale
 from swsysid._results import Array
 from swsysid._simulation.model import laws_of_mode
 
+_FEWEST_IN_INTERVAL = 5  # rows of an event in time: fewer are an accident
+_IN_INTERVALS = 0.9  # share of the rows that follow each other: then they are an event
+_SAME_EVENT = 0.01  # probability below which errors elsewhere do not explain a stretch
+_ELSEWHERE = 0.5  # share of the others where all are: with more it is no place of its own
+
+
 Rows = NDArray[np.intp]
 _NOWHERE = np.empty(0, dtype=np.intp)
 
@@ -83,7 +89,7 @@ class Whereabouts:
     @property
     def is_a_place(self) -> bool:
         """Whether the rows have a place of their own."""
-        return self.separation >= 1.0 - SETTINGS.nowhere
+        return self.separation >= 1.0 - _ELSEWHERE
 
     def in_words(self, records: Records) -> RowsPlace | None:
         """As a report has it, None if it is no place."""
@@ -160,7 +166,7 @@ def set_aside(fit: JointFit, data: SearchData, targets: Array, rows: Rows) -> Se
     # where rows have no order they were taken one by one
     count = len(together if seen.groups is None else np.unique(seen.groups[together]))
     event = _event(fit, data, targets, rows, together)
-    if event is not None and event.n_aside < SETTINGS.in_intervals * len(together):
+    if event is not None and event.n_aside < _IN_INTERVALS * len(together):
         # what lies at a place of its own in several trajectories belongs to the place
         event = event if count == 1 or not where.is_a_place else None
     return SetAside(rows[far], rows[together], count, chance, where, event)
@@ -180,14 +186,14 @@ def _event(
     # what neighbours remember of one error are no rows of their own
     left = fit.residuals(records, data.rows, data.targets)
     left = left[:, data.counted_states]
-    fewest = SETTINGS.fewest_in_interval * memory_of(records.take(data.rows), left)
+    fewest = _FEWEST_IN_INTERVAL * memory_of(records.take(data.rows), left)
     each = [rows[judged[rows]] for rows in records.trajectories]
     filled = [_stretches_filled(own, aside, fewest) for own in each]
     trajectory = max(
         range(len(each)), key=lambda one: sum(aside[part].sum() for part in filled[one])
     )
     found = filled[trajectory]
-    while found and _chance_of(found, each, aside) > SETTINGS.same_event:
+    while found and _chance_of(found, each, aside) > _SAME_EVENT:
         found = found[:-1]  # the shortest
     if not found:
         return None

@@ -44,6 +44,12 @@ from swsysid.effects import (
 )
 from swsysid.effects._base import Place
 
+_N_REFINED = 16  # trials whose parameters are refined, besides the best of every kind
+_BETWEEN_VALUES = 0.25  # share of a gain that the nearest value of a scan shows at least
+_N_LATELY = 4  # fits whose candidates are remembered
+_N_ANSWERS = 48  # to questions about structures that are remembered
+
+
 Modes = NDArray[np.intp]
 Terms = tuple[PlacedEffect, ...]
 
@@ -91,10 +97,10 @@ class SearchContext:
     verbose: int = 0
     kept: Columns = field(default_factory=dict, repr=False)  # of candidates on this record
     lately: Remembered[CandidateContext] = field(
-        default_factory=lambda: Remembered(SETTINGS.n_lately), repr=False
+        default_factory=lambda: Remembered(_N_LATELY), repr=False
     )  # candidates beside fits
     answers: Remembered = field(
-        default_factory=lambda: Remembered(SETTINGS.n_answers), repr=False
+        default_factory=lambda: Remembered(_N_ANSWERS), repr=False
     )  # to questions about structures
 
     @property
@@ -271,7 +277,7 @@ class SearchContext:
         chosen, least = [], self._worth_refining(base, known)
         for rank, trial in enumerate(known.trials):
             kind, is_own = trial.candidate.effect.kind, trial.candidate.signature == own
-            if rank < SETTINGS.n_refined or kind not in kinds or is_own:
+            if rank < _N_REFINED or kind not in kinds or is_own:
                 if rank not in known.refined and (is_own or known.gains[rank] >= least):
                     known.refined[rank] = refined(base, trial)
                 best = known.refined.get(rank, trial)
@@ -287,7 +293,7 @@ class SearchContext:
         largest = known.gains[0] if len(known.gains) else 0.0
         if base.fit.n_modes == 1:
             largest = max(largest, SETTINGS.gain_a_row * self.n_rows)
-        return float(SETTINGS.between_values * largest)
+        return float(_BETWEEN_VALUES * largest)
 
     def corrections(self, structure: Structure, place: int) -> list[Structure]:
         """Structures with an effect of a sensor or clock in the place of a term."""

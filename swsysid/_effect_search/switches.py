@@ -1,11 +1,10 @@
 r"""What rows next to a switch say, where velocities were made of measured states.
 
-A filter has smeared their velocities: they belong to neither law, and a further mode that consists
-of them is none. No window reaches across a switch, so that hardly a velocity says where a recording
-switches; the modes that the states have told do. A guard that remembers is compared with the
-surface of the same fit by the samples next to the switches: where a share w of them is in another
-mode than it says, each of them is worth :math:`\log w`, and each of the others
-:math:`\log(1 - w)`.
+A filter has smeared their velocities: they belong to neither law. No window reaches across a
+switch, so that hardly a velocity says where a recording switches; the modes that the states have
+told do. A guard that remembers is compared with the surface of the same fit by the samples next to
+the switches: where a share w of them is in another mode than it says, each of them is worth
+:math:`\log w`, and each of the others :math:`\log(1 - w)`.
 """
 
 from __future__ import annotations
@@ -24,6 +23,9 @@ from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.settings import REPORT, SETTINGS
 from swsysid._results import Array
 from swsysid.metrics._modes import best_matching, contingency
+
+_BESIDE_A_SWITCH = 2  # rows on each side whose velocities the shortest filter has smeared
+
 
 Modes = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -87,25 +89,11 @@ def at_smeared_switches(data: SearchData, modes: NDArray[np.intp], left: Array) 
     order, where = rows_in_order(data)
     inexact = [state for state in range(left.shape[1]) if state not in data.exact_states]
     window = max((where.smeared(left[order, state]) for state in inexact), default=1)
-    half = max(window // 2, SETTINGS.beside_a_switch)
+    half = max(window // 2, _BESIDE_A_SWITCH)
     distance = _from_a_switch(modes[order], in_trajectories(data), SETTINGS.gap_steps)
     farthest = np.quantile(distance, SETTINGS.most_unsure, method="lower")
     near[order] = distance < min(half, farthest)
     return near
-
-
-def is_smeared_mode(data: SearchData, before: JointFit, after: JointFit) -> bool:
-    """Whether one more mode is made of rows that a filter has smeared over switches of the others.
-
-    Velocities between those of two laws are a law of their own wherever the modes change.
-    """
-    if after.n_modes <= before.n_modes:
-        return False
-    modes = before.predict_modes(data.records)[data.rows]
-    left = after.residuals(data.records, data.rows, data.targets)
-    smeared = at_smeared_switches(data, modes, left)
-    own = FurtherMode(before, after, data.records, data.rows).own
-    return bool(smeared[own].sum() > SETTINGS.most_smeared * np.count_nonzero(own))
 
 
 def _from_a_switch(modes: NDArray[np.intp], series: Stretches, gap: float) -> Array:

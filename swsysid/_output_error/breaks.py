@@ -17,10 +17,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes, Shape, chained
 from swsysid._stays.nodes import Rows
+
+# turns of instants at which a law breaks, of cubics that begin them; and by how much of the
+# velocity of a state that passes others may change, where a level is grazed
+_TURNS_OF_BREAKS = 2
+_TURNS_OF_ROOTS = 12
+_STEEPEST = 20.0
+
 
 # states, and if they are asked for, derivatives by those before and by coefficients
 Flow = tuple[Array, ...]
@@ -93,9 +99,9 @@ class BreakingLaws(Laws):
         )
         beyond = sides.copy()
         beyond[:, number] *= -1.0
-        for turn in range(SETTINGS.turns_of_breaks):
+        for turn in range(_TURNS_OF_BREAKS):
             middle = u + share[:, None] * (after - u)
-            is_last = turn + 1 == SETTINGS.turns_of_breaks
+            is_last = turn + 1 == _TURNS_OF_BREAKS
             at, *by = self.on(sides, Steps(x, u, middle, share * duration), varied and is_last)
             if not is_last:
                 (before,) = self._rates((sides, at, middle))
@@ -147,7 +153,7 @@ def _root(before: Array, after: Array, slope_before: Array, slope_after: Array) 
     """Where in a step a cubic with these values and slopes at its ends passes zero."""
     share = before / (before - after)
     low, high = np.zeros_like(share), np.ones_like(share)
-    for _ in range(SETTINGS.turns_of_roots):
+    for _ in range(_TURNS_OF_ROOTS):
         s = share
         value = (
             before * (1.0 + 2.0 * s) * (1.0 - s) ** 2 + slope_before * s * (1.0 - s) ** 2
@@ -166,7 +172,7 @@ def _stopped(rates: Array, states: Array, sticks: NDArray[np.bool_]) -> tuple[Ar
 
 def _ratio(over: Array, under: Array) -> Array:
     """A quotient that is no larger than a limit: where a level is grazed it has none."""
-    most = SETTINGS.steepest
+    most = _STEEPEST
     quotient = np.divide(
         over, under, out=np.zeros(np.broadcast_shapes(over.shape, under.shape)), where=under != 0.0
     )

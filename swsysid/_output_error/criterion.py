@@ -25,6 +25,10 @@ from swsysid._output_error.settings import SETTINGS
 from swsysid._results import Array
 from swsysid._stays.nodes import Rows
 
+_BLOCKS = 20  # in which two models are compared
+_CAP = 25.0  # squares in units of the mean that one sample counts at most
+
+
 _MOST = 1e100  # that a rollout leaves: one that leaves more has diverged
 
 
@@ -97,7 +101,7 @@ def most_share(before: Left, samples: Array) -> float:
 def _changes(before: Array, after: Array) -> tuple[Array, Array]:
     """Of the squares of each sample, and in blocks in units of the mean before."""
     change = np.nan_to_num(np.nanmean(before - after, axis=1))
-    blocks = np.array([part.mean() for part in np.array_split(change, SETTINGS.blocks)])
+    blocks = np.array([part.mean() for part in np.array_split(change, _BLOCKS)])
     return change, blocks / max(float(np.nanmean(before)), np.finfo(float).tiny)
 
 
@@ -128,4 +132,4 @@ def _mean_squares(samples: Array) -> Array:
 
 def _capped(samples: Array, sizes: Array) -> Array:
     """Squares in units of some, no larger than one sample counts at most."""
-    return np.asarray(np.minimum(np.square(np.clip(samples, -_MOST, _MOST)) / sizes, SETTINGS.cap))
+    return np.asarray(np.minimum(np.square(np.clip(samples, -_MOST, _MOST)) / sizes, _CAP))

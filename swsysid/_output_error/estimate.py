@@ -31,6 +31,15 @@ from swsysid._stays.nodes import Nodes
 from swsysid._stays.output_error import KnownLaws, OutputError, Rollouts
 from swsysid._stays.settings import SETTINGS as STAYS
 
+# logarithms by which channels differ in what their noise changes by where it has settled, and the
+# factor by which that is about what was assumed
+_SETTLED = 0.05
+_ABOUT = 3.0
+# of the starts of rollouts, and the share of the squares by which another one must lower them
+_TURNS_OF_STARTS = 10
+_CLOSED = 1e-7
+_LEAST_NOISE = 1e-4  # of a spread
+
 
 class Course(NamedTuple):
     """States of a stretch at the times of its nodes."""
@@ -146,13 +155,13 @@ def fitted(
         left = _left(reached, n_measured)
         shares = np.sqrt(np.nanmean(np.square(left), axis=0)) / spread[:n_measured]
         # a speed is disturbed by as large a share of its spread as its position
-        own = spread * np.resize(np.maximum(shares, SETTINGS.least_noise), len(spread))
+        own = spread * np.resize(np.maximum(shares, _LEAST_NOISE), len(spread))
         estimate = reached.estimate
         if turn + 1 == turns or not np.isfinite(own).all():
             break
         # what counts is the noise of states relative to each other, once its size is about right
         change = np.log(own / noise)
-        if np.ptp(change) < SETTINGS.settled and np.abs(change).max() < np.log(SETTINGS.about):
+        if np.ptp(change) < _SETTLED and np.abs(change).max() < np.log(_ABOUT):
             break
         noise = own
     coef = reached.estimate.laws.coef[0]
@@ -208,7 +217,7 @@ def _freely(fit: Fitted, stretches: Stretches) -> Rollouts | None:
         diverges = np.isinf(np.square(begun.slopes).sum())
     if diverges:
         return None
-    return problem.least(begun, SETTINGS.turns_of_starts, SETTINGS.closed)[0]
+    return problem.least(begun, _TURNS_OF_STARTS, _CLOSED)[0]
 
 
 def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:

@@ -43,6 +43,11 @@ from swsysid.effects import (
 )
 from swsysid.effects._shapes import shapes
 
+_TURNS_OF_SCAN = 12
+_COLUMNS_AT_ONCE = 256
+_N_SHORTLISTED = 6  # of each tie
+_PROMISING = 0.01  # share that it would explain by one step, where it is estimated at all
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -184,11 +189,11 @@ def shortlist(
         # a step shows little of what bends much, and ten monomials that bend alike hide the rest
         first_of_kind = {trials[k].effect.kind: k for k in reversed(ranked)}
         listed_first = (
-            *(best[k] for k in largest_first(gains[best])[: SETTINGS.n_shortlisted]),
-            *ranked[: SETTINGS.n_shortlisted],
+            *(best[k] for k in largest_first(gains[best])[:_N_SHORTLISTED]),
+            *ranked[:_N_SHORTLISTED],
             *first_of_kind.values(),
         )
-        promising = SETTINGS.promising * score.squares
+        promising = _PROMISING * score.squares
         chosen |= dict.fromkeys(k for k in listed_first if gains[k] > promising)
     return [trials[k] for k in chosen]
 
@@ -253,7 +258,7 @@ class RolloutScore:
     @classmethod
     def of(cls, fit: Fitted, tie: float) -> RolloutScore:
         """Of a fitted law, its states let go as the tie allows."""
-        settings = replace(STAYS.roughly(), ties=((tie, SETTINGS.turns_of_scan),))
+        settings = replace(STAYS.roughly(), ties=((tie, _TURNS_OF_SCAN),))
         with np.errstate(all="ignore"):
             followed = most_likely(fit.reached.estimate, fit.noise, settings).estimate
             followed = replace(followed, nodes=followed.nodes.joined(as_usual=False))
@@ -379,5 +384,5 @@ def scores(fit: Fitted, ties: Sequence[float] = SETTINGS.ties) -> list[RolloutSc
 def _at_once(moves: Sequence[Array]) -> list[list[int]]:
     """Numbers of as many trials as are worked together."""
     ends = np.cumsum([move.shape[1] for move in moves])
-    group = ends // SETTINGS.columns_at_once
+    group = ends // _COLUMNS_AT_ONCE
     return [np.flatnonzero(group == one).tolist() for one in np.unique(group)]

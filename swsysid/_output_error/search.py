@@ -34,6 +34,9 @@ from swsysid._rendering.progress import progress
 from swsysid._ties import least_of
 from swsysid.effects import Effect, PlacedEffect
 
+_N_COMPARED = 6  # on stretches that they were not fitted to
+
+
 _LATELY = 64  # answers that are kept, all of them of about five rounds
 
 
@@ -259,12 +262,12 @@ class Search:
         Ten monomials that bend alike are one explanation, and would be all that is compared.
         """
         fits = sorted(fits, key=cost)
-        listed = fits[: SETTINGS.n_compared]
+        listed = fits[:_N_COMPARED]
         best_of: dict[tuple[str, int | None], Fit] = {}
         for fit in fits:
             own = fit.law.terms[-1]
             best_of.setdefault((own.effect.kind, own.replaced), fit)
-        others = list(best_of.values())[: SETTINGS.n_compared]
+        others = list(best_of.values())[:_N_COMPARED]
         return listed + [fit for fit in others if all(fit is not one for one in listed)]
 
     def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fit]:

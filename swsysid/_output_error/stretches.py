@@ -23,6 +23,20 @@ from swsysid.differentiation import estimate_noise
 from swsysid.effects import PlacedEffect
 from swsysid.effects._placed import corrected
 
+# nodes of all stretches, and of a column's spread what straight lines between these may lose
+_MOST_NODES = 2000
+_LOST = 0.03
+_FAR_AWAY = 5.0  # of the size of usual moves from sample to sample (their quantile .95)
+# rows to both sides within which something is to move, and what is no motion: deviations of the
+# noise (31 normal values span 4.1 of them, 7 in one window of 10,000), and a share of a spread
+_NEAR = 15
+_KEPT = 60  # rows that a rest counts as, at most
+_STILL = 7.0
+_STILL_SHARE = 0.01
+# quantiles between which a state goes to and fro, and how often it does in one stretch
+_TO_AND_FRO = (0.35, 0.65)
+_TURNS_OF_A_STRETCH = 4.0
+
 
 @dataclass(frozen=True)
 class Stretches:
@@ -183,7 +197,7 @@ def _spikes(records: Records, measured: Array) -> NDArray[np.bool_]:
     for rows, move in zip(records.trajectories, moves, strict=True):
         there, back = move[:-1], move[1:]
         least = np.minimum(np.abs(there), np.abs(back))
-        gross[rows[1:-1]] = (there * back < 0.0) & (least > SETTINGS.far_away * usual)
+        gross[rows[1:-1]] = (there * back < 0.0) & (least > _FAR_AWAY * usual)
     return gross
 
 
@@ -202,13 +216,13 @@ def _horizon(measured: Array, runs: Sequence[Rows]) -> float:
 
     Over longer stretches what adds up is what nobody has declared, and hides what an effect does.
     """
-    low, high = np.quantile(measured, SETTINGS.to_and_fro, axis=0)
+    low, high = np.quantile(measured, _TO_AND_FRO, axis=0)
     turns = [
         sum(passes(column[run], *ends) for run in runs)
         for column, *ends in zip(measured.T, low, high, strict=True)
     ]
     slowest = sum(map(len, runs)) / max(1, min(turns))
-    return SETTINGS.turns_of_a_stretch * slowest
+    return _TURNS_OF_A_STRETCH * slowest
 
 
 def _sizes(columns: Array, trajectories: Sequence[Rows]) -> Array:
@@ -217,22 +231,20 @@ def _sizes(columns: Array, trajectories: Sequence[Rows]) -> Array:
     Where nothing moves a force is below a threshold, or balanced, and a minute of that says no more
     than a second: it would decide every sum of squares.
     """
-    near, sizes = SETTINGS.near, np.ones(len(columns))
+    near, sizes = _NEAR, np.ones(len(columns))
     spread = columns.std(axis=0)
     for rows in trajectories:
         if len(rows) <= 2 * near:
             continue
-        still = np.maximum(
-            SETTINGS.still * estimate_noise(columns[rows]), SETTINGS.still_share * spread
-        )
+        still = np.maximum(_STILL * estimate_noise(columns[rows]), _STILL_SHARE * spread)
         ends = (one(columns[rows], 2 * near + 1, axis=0) for one in (maximum_filter1d,
                                                                      minimum_filter1d))  # fmt: skip
         high, low = ends
         moves = (high - low > still).any(axis=1)
         cuts = np.flatnonzero(np.diff(moves)) + 1
         for run in np.split(np.arange(len(rows)), cuts):
-            if not moves[run[0]] and len(run) > SETTINGS.kept:
-                sizes[rows[run]] = np.sqrt(len(run) / SETTINGS.kept)
+            if not moves[run[0]] and len(run) > _KEPT:
+                sizes[rows[run]] = np.sqrt(len(run) / _KEPT)
     return sizes
 
 
@@ -245,9 +257,9 @@ def thinning(columns: Array, parts: Sequence[Rows], held: NDArray[np.bool_]) -> 
     count = sum(map(len, parts))
     spread = columns[np.concatenate(parts)].std(axis=0)
     every = 1
-    while count / every > SETTINGS.most_nodes:
+    while count / every > _MOST_NODES:
         coarser = every + 1
-        if any(_lost(columns[part], spread, coarser, held) > SETTINGS.lost for part in parts):
+        if any(_lost(columns[part], spread, coarser, held) > _LOST for part in parts):
             break
         every = coarser
     return every

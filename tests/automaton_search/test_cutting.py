@@ -1,23 +1,15 @@
-"""Jumps that only laws show, where a cut is best, and transitions that cannot be taken."""
-
-from dataclasses import replace
+"""Jumps that only laws show, and where a cut is best."""
 
 import numpy as np
 import pytest
 
 from swsysid import HybridAutomaton, HybridAutomatonRegressor, SwitchingSystemRegressor
-from swsysid._automaton.transitions import PolynomialGuard
 from swsysid._automaton_search.cutting import Cutting, better_places, hidden_jumps
-from swsysid._automaton_search.found import FoundGuard
-from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.jumps import jumps_of
-from swsysid._automaton_search.switches import Switches
-from swsysid._automaton_search.transitions import possible, with_brief_stays
 from swsysid._stays.given import read_given
 from swsysid._stays.pieces import cut_at, whole
 from swsysid._stays.search import Search
 from swsysid._stays.settings import StaySettings
-from swsysid._stays.stays import Stays
 
 STEP, NOISE, SLOPE = 0.1, 0.02, 1.0
 JUMPED = [60, 170]  # the samples after which it jumps by six deviations of the noise
@@ -67,56 +59,6 @@ def test_a_cut_goes_to_where_the_laws_part():
     found = searched(estimator, wrong.given)
     [place] = better_places(given, found, wrong, [np.array([106])])
     assert place.tolist() == [100]
-
-
-# -- transitions that another one forestalls ---------------------------------------------------
-
-
-def settled(source, target, times, x, above):
-    """A transition that was taken at some states, with the guard x >= above."""
-    n = len(times)
-    column, unknown = np.array(x, dtype=float)[:, None], np.full(n, np.nan)
-    modes = np.zeros(n, dtype=np.intp)
-    switches = Switches(
-        modes, modes + source, modes + target, unknown, np.array(times), np.full(n, 0.01),
-        np.zeros(n, dtype=bool), np.column_stack([times, times]), column, column, column[:, 1:],
-        modes - 1, np.zeros(n, dtype=bool), modes,
-    )  # fmt: skip
-    guard = PolynomialGuard(np.array([1.0, -above]), np.array([[1, 0, 0], [0, 0, 0]]))
-    return Settled(switches, FoundGuard(guard, 0.0, np.zeros(n), np.array([0])), None)
-
-
-@pytest.fixture(scope="module")
-def rising(climbing, estimator):
-    """Laws of three modes, known ones; the second one rises a little faster."""
-    found = searched(estimator, climbing)
-    coef = np.array([SLOPE, 1.3 * SLOPE, SLOPE])[:, None, None]
-    laws = replace(found.estimate.laws, coef=coef, free=np.zeros((3, 1, 1), dtype=bool))
-    stays = [Stays(np.array([0, 2]), np.array([12.05])), *found.estimate.nodes.stays[1:]]
-    nodes = found.estimate.nodes.with_stays(stays)
-    estimate = replace(found.estimate, laws=laws, nodes=nodes)
-    return replace(found, reached=replace(found.reached, estimate=estimate))
-
-
-def test_what_is_forestalled_is_no_transition(rising):
-    often = settled(0, 1, [1.0, 2.0, 3.0, 4.0], [1.0] * 4, above=1.0)
-    later = settled(0, 2, [12.05], [1.3], above=1.3)  # the other guard had been passed
-    earlier = settled(0, 2, [12.05], [0.5], above=0.5)  # half a second before
-    told = possible([often, later], rising)
-    assert [one.forestalled for one in told] == [False, True] and told[1].guard is None
-    assert not any(one.forestalled for one in possible([often, earlier], rising))
-
-
-def test_the_stay_in_between_is_told(rising):
-    often = settled(0, 1, [1.0, 2.0, 3.0, 4.0], [1.0] * 4, above=1.0)
-    onward = settled(1, 2, [1.5, 2.5, 3.5, 4.5], [1.5] * 4, above=1.5)
-    later = settled(0, 2, [12.05], [1.3], above=1.3)
-    assert with_brief_stays([often, onward], rising, SETTINGS) is None
-    assert with_brief_stays([often, later], rising, SETTINGS) is None  # there is no way on
-    told = with_brief_stays([often, onward, later], rising, SETTINGS)
-    stays = told.estimate.nodes.stays[0]
-    assert stays.modes.tolist() == [0, 1, 2]
-    np.testing.assert_allclose(stays.instants, [12.0, 12.1], atol=0.5)  # laws nearly alike
 
 
 # -- the whole ---------------------------------------------------------------------------------

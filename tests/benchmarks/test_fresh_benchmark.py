@@ -143,8 +143,8 @@ def test_a_constant_is_changed_in_every_room_and_is_its_own_again():
 
 
 def test_a_share_near_one_stays_below_one_and_a_count_is_whole():
-    assert Change("sure", 2.0).value == pytest.approx(0.9)
-    assert Change("sure", 0.5).value == pytest.approx(0.975)
+    assert Change("_SURE", 2.0).value == pytest.approx(0.9)
+    assert Change("_SURE", 0.5).value == pytest.approx(0.975)
     assert Change("n_folds", 0.5).value == 2
     assert {"gain_a_row", "N_LEVELS"} <= set(constants()) and "_KNOTS" not in constants()
 

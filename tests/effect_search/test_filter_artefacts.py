@@ -6,12 +6,11 @@ from scipy.signal import lfilter, savgol_filter
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
 from swsysid._data.records import make_records
-from swsysid._effect_model.joint_fit import fit_jointly
 from swsysid._effect_model.models import declared_model
 from swsysid._effect_search.coloured_noise import Stretches
 from swsysid._effect_search.folds import SearchData
 from swsysid._effect_search.recording import from_states
-from swsysid._effect_search.switches import at_smeared_switches, is_smeared_mode
+from swsysid._effect_search.switches import at_smeared_switches
 from swsysid.differentiation import differentiate
 from swsysid.effects import (
     CoulombFriction,
@@ -135,33 +134,6 @@ def test_no_switch_smears_a_record_of_one_mode_or_without_times():
     records = make_records(np.zeros((len(modes), 1)), 1, t=None, names=["x"])
     loose = SearchData.whole(records, np.arange(len(modes)), noise)
     assert not at_smeared_switches(loose, modes, noise).any()
-
-
-def laws_of(x, at_end):
-    """Velocities of three laws: left, right, and beyond .6 if there is one; and their modes."""
-    modes = np.where(x < 0.0, 0, np.where(at_end & (x > 0.6), 2, 1))
-    return np.choose(modes, [1.0 + x, -1.0 - x, 2.0 + 0.0 * x]), modes
-
-
-@pytest.mark.parametrize("at_end", [False, True])
-def test_one_more_mode_is_not_made_of_smeared_rows(at_end):
-    t = np.arange(400.0)
-    x = np.sin(0.1 * t) + 0.3 * np.sin(0.047 * t)
-    velocities, modes = laws_of(x, at_end)
-    velocities = np.convolve(np.pad(velocities, 1, mode="edge"), np.ones(3) / 3.0, mode="valid")
-    velocities += 0.01 * np.random.default_rng(0).standard_normal(len(t))
-    if not at_end:  # what the mean of three samples has made of each switch is one more mode
-        switches = np.flatnonzero(np.diff(modes))
-        modes[np.concatenate([switches, switches + 1])] = 2
-    records = make_records(x[:, None], 1, t=t, names=["x"])
-    rows, targets = np.arange(len(t)), velocities[:, None]
-    estimator = SwitchingSystemRegressor(n_modes=2, feature_library=1, random_state=0)
-    declared = declared_model(estimator, records)
-    two = fit_jointly(declared, (), records, rows, targets, (x >= 0.0).astype(int), 1)
-    three = fit_jointly(declared.with_modes(3), (), records, rows, targets, modes, 1)
-    data = SearchData.whole(records, rows, targets)
-    assert is_smeared_mode(data, two, three) is not at_end
-    assert not is_smeared_mode(data, two, two)
 
 
 # --- effects that a filter smears ---------------------------------------------------------------

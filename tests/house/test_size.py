@@ -28,7 +28,7 @@ MOST_LINES = {
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
     # walk, turns that single samples hide
-    "_automaton_search": 6940,
+    "_automaton_search": 6860,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
@@ -38,7 +38,6 @@ MOST_LINES = {
     # features that are no sums of others
     "_data": 2530,
     "datasets": 2510,
-    # rests that are no end of a sensor's range
     "differentiation": 1640,
     # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it;
     # modes of averages where noise hides a step, one law in the place of two; what a guard that has
@@ -50,7 +49,7 @@ MOST_LINES = {
     "_effect_model": 2420,
     # rows and recordings, of positions alone too; what chance may explain, what was refuted, what
     # else was as good; text, pictures and page
-    "_effect_search": 9270,
+    "_effect_search": 9170,
     # what an effect cannot act on, in words; held channels; waves that steps cannot show
     "effects": 4050,
     # a writer for each tool: C, FMI 2 and 3, Modelica, MATLAB, SymPy, CasADi
@@ -97,7 +96,7 @@ MOST_LINES = {
 # a writer for each tool (`exporting`), a reader for each format (`_tables`), `_simulation/bands`,
 # `refinement/_known`, `_surfaces/parameters`
 MOST_FILES = 441
-MOST_SETTINGS = 380
+MOST_SETTINGS = 296
 SETTINGS = re.compile(r"\w*Settings|Limits|Judgement|Options")
 
 
