@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -35,8 +35,6 @@ from swsysid._ties import least_of
 from swsysid.effects import Effect, PlacedEffect
 
 _N_COMPARED = 6  # on stretches that they were not fitted to
-
-
 _LATELY = 64  # answers that are kept, all of them of about five rounds
 
 
@@ -53,20 +51,16 @@ class Searched:
     unsure: Finding | None = None
 
     def is_clearer(self, other: Searched) -> bool:
-        """Whether the first effect explains surely more of what the declared model leaves.
-
-        Or has a name where the other has none, and explains not surely less.
-        """
-        if self._is_named > other._is_named:
-            return not other._explains_surely_more(self)
-        return self._explains_surely_more(other)
+        """Whether the first effect explains surely more of what is left, or no less by a name."""
+        mine, theirs = self.first_fall, other.first_fall
+        if self.has_a_name > other.has_a_name:
+            return theirs.share <= mine.share + mine.error
+        return mine.share > theirs.share + theirs.error
 
     @property
-    def _is_named(self) -> bool:
+    def has_a_name(self) -> bool:
+        """Whether an effect was found last that is no function of any shape."""
         return bool(self.findings) and not self.models[-1].is_nameless
-
-    def _explains_surely_more(self, other: Searched) -> bool:
-        return self.first_fall.share > other.first_fall.share + other.first_fall.error
 
     @property
     def first_fall(self) -> Fall:
@@ -125,9 +119,7 @@ class Search:
             starts = [self.disturbed(one).started(declared) for one in compared]
             if not any(one.findings for one in starts):
                 starts.append(self.disturbed(largest).started(declared))
-            done = starts[0]
-            for other in starts[1:]:
-                done = other if other.is_clearer(done) else done
+            done = reduce(lambda best, one: one if one.is_clearer(best) else best, starts)
             bar.update()
             return done.went_on(bar.update) if done.findings else done
 
@@ -165,8 +157,7 @@ class Search:
 
     def model(self, fit: Fit) -> Model:
         """A law fitted to all stretches, and fold by fold."""
-        folds = Unseen(self.engine, self.stretches)
-        return self.known(fit, "by folds", partial(folds.model, fit))
+        return self.known(fit, "by folds", partial(Unseen(self.engine, self.stretches).model, fit))
 
     @step
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
@@ -197,14 +188,14 @@ class Search:
             return None
         chosen, level = found
         own, gained = chosen.law.terms[-1], self.gain(now, chosen)
-        most, log_p = gained.share, self._log_p_value(now, chosen)
         level = [one for one in level if self._as_good(one, chosen, now)]
-        models = [one for one in models if self.gain(now, one).share >= 0.5 * most]
+        models = [one for one in models if self.gain(now, one).share >= 0.5 * gained.share]
         rivals, behind = (of_other_kinds(own, some) for some in (level, models))
         # evidence grows as the record does
+        log_p = self._log_p_value(now, chosen)
         longer = 1.0 + max(0.0, log_p - np.log(self.significance)) / gained.nats
         count, p_value = len(self.candidates), self.p_value(now, chosen)
-        return chosen, Finding(own, p_value, rivals, behind, count, most, float(longer))
+        return chosen, Finding(own, p_value, rivals, behind, count, gained.share, float(longer))
 
     def is_likely(self, finding: Finding) -> bool:
         """Whether chance hardly explains it; half of the evidence may be in what is held out."""
@@ -290,9 +281,8 @@ class Search:
             ]
             first, level = self._simplest(models, now)
             chosen = self._closer(first, now)
-            if not self.values.are_at_an_end(chosen.fit) and self._pays(
-                now, chosen, self.significance
-            ):
+            is_inside = not self.values.are_at_an_end(chosen.fit)
+            if is_inside and self._pays(now, chosen, self.significance):
                 return chosen, level
             models = [one for one in models if one is not first]
         return None
@@ -323,7 +313,7 @@ class Search:
         if not named or not best.is_nameless:
             return best
         name = least_of(named, lambda one: -shares[one])
-        lost = fall(name.unseen, best.unseen)
+        lost = self.gain(name, best)
         more = price(best.law.n_parameters - name.law.n_parameters, lost.count)
         nearly_all = shares[name] >= (1.0 - SETTINGS.worthwhile) * shares[best]
         return name if nearly_all or as_good(lost, 0.0) or lost.nats < more else best
@@ -363,8 +353,8 @@ class Search:
 
         Of what acts once, and predicts nothing of other times, as much as of what is left now.
         """
-        is_once = model.law.terms[-1].effect.acts_once
-        return SETTINGS.worthwhile if is_once else SETTINGS.worth_telling
+        acts_once = model.law.terms[-1].effect.acts_once
+        return SETTINGS.worthwhile if acts_once else SETTINGS.worth_telling
 
     def _pays(self, now: Model, model: Model, most: float) -> bool:
         """Whether the evidence for what acts once is worth its choice, up to a p-value.
@@ -386,9 +376,9 @@ class Search:
     @cached_property
     def candidates(self) -> list[Candidate]:
         """What may be missing, the simplest explanation first."""
-        seen, asked = self.stretches.seen, (*self.library, *self.targets)
+        seen = self.stretches.seen
         listed = partial(scan.all_candidates, self.effects, seen, self.targets)
-        return self.known(seen, asked, listed)
+        return self.known(seen, (*self.library, *self.targets), listed)
 
     def _key(self, placed: PlacedEffect) -> tuple:
         """What an effect is, whatever its parameters."""
@@ -406,6 +396,5 @@ class Search:
         """
         if other is best:
             return True
-        lost = fall(other.unseen, best.unseen)
         explained = self.gain(now, other).share / self.gain(now, best).share
-        return explained >= 0.5 and as_good(lost, self.significance)
+        return explained >= 0.5 and as_good(fall(other.unseen, best.unseen), self.significance)
