@@ -37,11 +37,12 @@ from swsysid._stays.pieces import jumps_at_events, noise_between_events
 from swsysid._stays.settings import LIMITS
 
 # Samples to each side that tell where a state was going; by how many intervals a kink may lead
-# astray (a half, and rounding); how far beyond curvature it must land: extrapolated by half an
-# interval, the cubic part of a motion is six times what a parabola through five samples leaves, on
-# both sides together.
+# astray (a half, and rounding); quantiles of slopes that a state may have; how far beyond curvature
+# it must land: extrapolated by half an interval, the cubic part of a motion is six times what a
+# parabola through five samples leaves, on both sides together.
 _SIDES = (5, 9, 15)
 _KINK = 0.55
+_USUAL = (0.05, 0.95)
 _BEYOND_CURVATURE = 12.0
 # Of a turn, coefficients that both sides share, and the quantile of noise up to which they follow;
 # what one about a sample counts beside one in an interval, which it otherwise is as well.
@@ -127,6 +128,10 @@ def _jumps_of(record: Record, noise: Array, n_positions: int) -> NDArray[np.intp
                 y = record.filled[:, :n_positions]
                 turns = _turns(record.t, y, noise[:n_positions], width)
                 certain[inside] = np.maximum(certain[inside], turns)
+    if n > 2 * _SIDES[0]:
+        last = _excess_at_end(record.t, record.filled, noise)
+        first = _excess_at_end(-record.t[::-1], record.filled[::-1], noise)
+        certain[n - 1 - len(last) :], certain[: len(first)] = last, first[::-1]
     beyond = np.flatnonzero(certain > 1.0).tolist()
     of_samples = [(float(certain[place]), place, nearest) for place in beyond]
     found: list[int] = []
@@ -161,6 +166,32 @@ def _turns_of_means(t: Array, y: Array, noise: Array) -> list[tuple[float, int, 
                 found.append((float(certain[k]), int(places[k]), width * count))
         before, finer, count = places, certain, 2 * count
     return sorted(found, key=lambda one: -one[0])
+
+
+def _excess_at_end(t: Array, y: Array, noise: Array) -> Array:
+    """The same in the last intervals, after which there are too few samples for a parabola.
+
+    The slope after the interval is that of the next sample, or for the very last one any that is
+    usual in the recording.
+    """
+    width = _SIDES[0]
+    slopes = np.diff(y, axis=0) / np.diff(t)[:, None]
+    usual = np.quantile(slopes, _USUAL, axis=0)
+    excess = np.zeros(width - 1)
+    for place in range(width - 1):
+        k = len(t) - width + place  # the last sample before the interval
+        before = slice(k - width + 1, k + 1)
+        value, slope, left, gain = _parabolas(
+            t[None, before], y[None, before].transpose(0, 2, 1), t[None, k + 1]
+        )
+        after = slopes[k + 1 : k + 2] if k + 2 < len(t) else usual
+        turned = np.abs(after - slope).max(axis=0)
+        apart = np.abs(y[k + 1] - value[0]) - 2.0 * _KINK * (t[k + 1] - t[k]) * turned
+        allowed = SETTINGS.beyond_noise * np.sqrt(gain + 1.0) * noise
+        most = np.abs(left[0]).max(axis=1)
+        allowed = allowed + _BEYOND_CURVATURE * most + np.finfo(float).tiny
+        excess[place] = (apart / allowed).max()
+    return excess
 
 
 def _excess(record: Record, noise: Array, width: int) -> Array:

@@ -281,7 +281,7 @@ def _add_run(add: Callable) -> None:
         help="folder of your own for what is finished on the way: the same command goes on from it "
         "after it was stopped",
     )
-    add("--jobs", type=int, metavar="N", help="starts searched in parallel")
+    add("--jobs", type=int, metavar="N", help="starts, and effects, that are tried at a time")
     add(
         "-v",
         "--verbose",

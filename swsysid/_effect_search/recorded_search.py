@@ -55,6 +55,7 @@ def searched_recordings(
     input_hold: object,
     significance: float,
     most: int,
+    n_jobs: int | None,
     verbose: bool,
 ) -> RecordedOutcome:
     """So many effects at most that recordings ask for, or rows of a quantity."""
@@ -74,7 +75,8 @@ def searched_recordings(
     if measured.recorded is not None:
         stretches = _held(law, as_logged, {}, split, input_hold)[0]
     stepped = engine.stepped(law, stretches)
-    search = Search(engine, stepped, effects, targets, linear, significance, most, verbose)
+    asked = targets, linear, significance, most, n_jobs, verbose
+    search = Search(engine, stepped, effects, *asked)
     outcome = _searched(RecordedOutcome(search, measured, split, declared, (), (), ()), law)
     if measured.recorded is None or not outcome.findings:
         return outcome

@@ -89,6 +89,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
         What inputs of recordings with one law do between two rows, as `TrajectoryIdentifier` takes
         it; of what steps at an instant that is not known a line has the mean.
     n_jobs : int or None, default=None
+        Candidates that are tried at a time; whatever it is, the answer is the same.
     random_state : int, RandomState instance or None, default=None
         Of what is held out, and of the estimator where it has none itself. None is 0.
     verbose : int, default=0
@@ -275,7 +276,7 @@ class EffectSearchCV(ToOtherTools, MultiOutputMixin, RegressorMixin, FittedLater
     def _of_one_law(self, measured: Measured, parts: Split, plain: JointFit) -> JointFit:
         """Effects that recordings of one law ask for, or rows of a quantity that it gives."""
         asked = listed_effects(self.effects), self.input_hold
-        limits = self.significance, self.max_effects, bool(self.verbose)
+        limits = self.significance, self.max_effects, self.n_jobs, bool(self.verbose)
         found = searched_recordings(plain, measured, parts, *asked, *limits)
         declared, *ends, final = found.joint_fits
         self.declared_estimator_ = self._handed_over(declared, measured)

@@ -10,7 +10,7 @@ the negative gradient there. The squares that a candidate explains beside the la
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -132,7 +132,7 @@ def special_cases(
 
 
 def variants(
-    placed: PlacedEffect, law: Law, linear: dict[int, int], records: Records
+    placed: PlacedEffect, law: Law, linear: Mapping[int, int], records: Records
 ) -> list[PlacedEffect]:
     """The effect beside the channel's own term, in its place, or both, as its role says."""
     place = placed.place

@@ -24,7 +24,7 @@ from swsysid._output_error.engines import (
 )
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
-from swsysid._output_error.scan import Candidate, of_sensors, shortlist, variants
+from swsysid._output_error.scan import Candidate, of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.unseen import Unseen
@@ -108,6 +108,7 @@ class Search:
     linear: dict[int, int]
     significance: float
     most: int
+    n_jobs: int | None = None
     verbose: bool = False
     refuted: tuple[PlacedEffect, ...] = ()
     lately: Remembered = field(default_factory=lambda: Remembered(_LATELY), repr=False)
@@ -157,7 +158,7 @@ class Search:
 
     def model(self, fit: Fit) -> Model:
         """A law fitted to all stretches, and fold by fold."""
-        return self.known(fit, "by folds", partial(Unseen(self.engine, self.stretches).model, fit))
+        return self.known(fit, "by folds", partial(self.folds.model, fit))
 
     @step
     def round(self, now: Model, first: Model) -> tuple[Model, Finding] | None:
@@ -212,12 +213,12 @@ class Search:
             scores = self.engine.scores(now.fit)
         except LinAlgError:  # no step from here says anything
             return []
-        for placed in (*shortlist(now.law, scores, corrected, self.candidates), *asked):
-            for fit in self._estimated(now, placed):
-                own = fit.law.terms[-1]
-                # beside a channel's own term it always fits better: whether surely, is asked later
-                key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))
-                best_of[key] = min(best_of.get(key, fit), fit, key=cost)
+        listed = [*shortlist(now.law, scores, corrected, self.candidates), *asked]
+        for fit in self.values.tried(now.fit, listed, self.effects, self.linear):
+            own = fit.law.terms[-1]
+            # beside a channel's own term it always fits better: whether surely, is asked later
+            key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))
+            best_of[key] = min(best_of.get(key, fit), fit, key=cost)
         return list(best_of.values())
 
     def _models(self, now: Model, fits: Sequence[Fit]) -> Iterator[Model]:
@@ -226,13 +227,12 @@ class Search:
         Not what explains less of its own than half of what is worth it, or a name does of unseen.
         """
         series, most = self.stretches.series, SETTINGS.worthwhile
-        folds = Unseen(self.engine, self.stretches)
         for fit in sorted(fits, key=cost):
             own = fall(Left(now.fit.left, series), Left(fit.left, series)).share
             if own < 0.5 * most:
                 continue
             with suppress(LinAlgError):
-                model = self.known(fit, "worthwhile", partial(folds.worthwhile, fit, now))
+                model = self.known(fit, "worthwhile", partial(self.folds.worthwhile, fit, now))
                 if model is None:
                     continue
                 is_sure = self._pays(now, model, self.significance)
@@ -260,15 +260,6 @@ class Search:
             best_of.setdefault((own.effect.kind, own.replaced), fit)
         others = list(best_of.values())[:_N_COMPARED]
         return listed + [fit for fit in others if all(fit is not one for one in listed)]
-
-    def _estimated(self, now: Model, placed: PlacedEffect) -> Iterator[Fit]:
-        """An effect beside a model in all its variants, and what it is a special case of."""
-        seen = self.stretches.seen
-        simpler = scan.special_cases(placed, self.effects, seen)
-        for one in (placed, *simpler):
-            for variant in variants(one, now.law, self.linear, seen):
-                with suppress(LinAlgError):  # one that nothing tells takes no other along
-                    yield from self.values.plausible(self.values.beside(now.fit, variant))
 
     def _chosen(self, models: list[Model], now: Model) -> tuple[Model, list[Model]] | None:
         """The simplest that is as good as any, its nonlinear parameters refined, and its rivals."""
@@ -364,9 +355,14 @@ class Search:
         return not model.law.terms[-1].effect.acts_once or self.p_value(now, model) < most
 
     @property
+    def folds(self) -> Unseen:
+        """Parts of the stretches, of which each is predicted by a fit to the others."""
+        return Unseen(self.engine, self.stretches, self.n_jobs)
+
+    @property
     def values(self) -> Values:
         """Nonlinear parameters are looked for on the same stretches."""
-        return Values(self.engine, self.stretches)
+        return Values(self.engine, self.stretches, self.n_jobs)
 
     @cached_property
     def effects(self) -> list[Effect]:

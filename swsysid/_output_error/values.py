@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
+from joblib import Parallel, delayed
+from numpy.linalg import LinAlgError
 from scipy.optimize import minimize_scalar
 
+from swsysid._journal import resumable
 from swsysid._output_error.engines import Engine
 from swsysid._output_error.estimate import Courses, Fit, cost
 from swsysid._output_error.law import Law
+from swsysid._output_error.scan import special_cases, variants
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid.effects import PlacedEffect, RateEffect
+from swsysid.effects import Effect, PlacedEffect, RateEffect
 
 # of the last tie, of a candidate before the best are estimated fold by fold: of 47 beside the law
 # of an arm that sticks those that explained most stayed so, in 11 CPU s instead of 32
@@ -35,6 +41,34 @@ class Values:
 
     engine: Engine
     stretches: Stretches
+    n_jobs: int | None = None
+
+    def tried(
+        self,
+        fit: Fit,
+        listed: Sequence[PlacedEffect],
+        effects: Sequence[Effect],
+        linear: Mapping[int, int],
+    ) -> Iterator[Fit]:
+        """Effects beside a fit in all their variants, and those that they are general cases of."""
+        trials = [resumable(self._tried) for _ in listed]
+        pairs = zip(trials, listed, strict=True)
+        calls = (delayed(one)(fit, placed, effects, linear) for one, placed in pairs)
+        return chain.from_iterable(Parallel(n_jobs=self.n_jobs)(calls))
+
+    def _tried(
+        self,
+        fit: Fit,
+        placed: PlacedEffect,
+        effects: Sequence[Effect],
+        linear: Mapping[int, int],
+    ) -> list[Fit]:
+        found, seen = list[Fit](), self.stretches.seen
+        for one in (placed, *special_cases(placed, effects, seen)):
+            for variant in variants(one, fit.law, linear, seen):
+                with suppress(LinAlgError):  # one that nothing tells takes no other along
+                    found += self.plausible(self.beside(fit, variant))
+        return found
 
     def beside(self, fit: Fit, more: PlacedEffect) -> Iterator[Fit]:
         """A law with one effect more, and with one that acts ever more often."""

@@ -28,7 +28,7 @@ MOST_LINES = {
     # guards at steps of inputs, surfaces of several ways; thresholds that are short numbers,
     # switches that are none of a guard; margins to samples at which guards are asked; states that
     # walk, turns that single samples hide
-    "_automaton_search": 6860,
+    "_automaton_search": 6890,
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
@@ -65,7 +65,7 @@ MOST_LINES = {
     "metrics": 720,
     # what was estimated is kept for searches after a refutation; candidates of one equation
     # together; folds that end early; laws that break; states that nobody measures
-    "_output_error": 2520,
+    "_output_error": 2550,
     # a page, in a browser too, of what a model makes of recordings
     "_recording_page": 490,
     # what is known; which recording would tell most
