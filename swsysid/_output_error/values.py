@@ -15,15 +15,14 @@ from scipy.optimize import minimize_scalar
 from swsysid._journal import resumable
 from swsysid._output_error.engines import Engine
 from swsysid._output_error.estimate import Courses, Fit, cost
-from swsysid._output_error.law import Law
 from swsysid._output_error.scan import special_cases, variants
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import Effect, PlacedEffect, RateEffect
 
-# of the last tie, of a candidate before the best are estimated fold by fold: of 47 beside the law
-# of an arm that sticks those that explained most stayed so, in 11 CPU s instead of 32
+# at the last tie, of a candidate before the best are estimated fold by fold: of 47 beside the law
+# of an arm that sticks those that explained most stayed so, in 20 CPU s instead of 29
 _TURNS_OF_A_LOOK = 8
 _TIES_OF_INSTANTS = (1.0,)  # of the nodes, where it is sought when something happens
 _TURNS_OF_SCANS = 10  # of what acts once, each of what the one before explains and leaves
@@ -75,7 +74,7 @@ class Values:
         law = fit.law.beside([more])
         # from rollouts without a jump those with it are not reached
         near = self.courses(fit) if law.breaks == fit.law.breaks else None
-        found = self._looked(law, near, fit.noise)
+        found = self.engine.fitted(law, self.stretches, near, fit.noise, 2, _TURNS_OF_A_LOOK)
         if isinstance(more.effect, RateEffect):
             found = self.followed(found)
         yield from self.rescanned(found) if more.effect.acts_once else (found,)
@@ -201,8 +200,5 @@ class Values:
         return self._with(fit, place, replace(fit.law.terms[place], theta=theta))
 
     def _with(self, fit: Fit, place: int, term: PlacedEffect) -> Fit:
-        return self._looked(fit.law.exchanged(place, term), self.courses(fit), fit.noise)
-
-    def _looked(self, law: Law, near: Courses | None, noise: Array) -> Fit:
-        """A law fitted as closely as tells it from others."""
-        return self.engine.fitted(law, self.stretches, near, noise, 1, _TURNS_OF_A_LOOK)
+        law = fit.law.exchanged(place, term)
+        return self.engine.fitted(law, self.stretches, self.courses(fit), fit.noise, turns=1)
