@@ -50,10 +50,7 @@ from swsysid._automaton_search.jumps import jumps_of, without_impacts
 from swsysid._automaton_search.refined import refined, told_by_parts
 from swsysid._automaton_search.refinement import AutomatonRefinement
 from swsysid._automaton_search.settings import SETTINGS
-from swsysid._automaton_search.transitions import (
-    jumps_told,
-    transitions_of,
-)
+from swsysid._automaton_search.transitions import jumps_told, transitions_of
 from swsysid._data.trajectories import label_text
 from swsysid._free_rollouts.judge import FreeRollouts
 from swsysid._free_rollouts.sample_noise import SampleNoise

@@ -31,8 +31,8 @@ from swsysid._stays.nodes import Nodes
 from swsysid._stays.output_error import KnownLaws, OutputError, Rollouts
 from swsysid._stays.settings import SETTINGS as STAYS
 
-# logarithms by which channels differ in what their noise changes by where it has settled, and the
-# factor by which that is about what was assumed
+# The noise has settled where the logarithms of its changes differ by so little from state to state,
+# and none changes by so large a factor.
 _SETTLED = 0.05
 _ABOUT = 3.0
 # of the starts of rollouts, and the share of the squares by which another one must lower them

@@ -40,7 +40,7 @@ class Unseen:
 
     def _left(self, fit: Fit) -> Iterable[Array]:
         folds = self.stretches.folds()
-        # one by one a fold may be the last that is asked for
+        # done one by one, folds after the one that settles the question are never fitted
         how = "generator" if effective_n_jobs(self.n_jobs) == 1 else "list"
         return Parallel(n_jobs=self.n_jobs, return_as=how)(
             delayed(one)(fit, *fold)

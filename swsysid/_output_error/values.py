@@ -21,8 +21,8 @@ from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import Effect, PlacedEffect, RateEffect
 
-# at the last tie, of a candidate before the best are estimated fold by fold: of 47 beside the law
-# of an arm that sticks those that explained most stayed so, in 20 CPU s instead of 29
+# Steps of a candidate at the last tie, before the best are estimated fold by fold. Of 47 candidates
+# beside the law of an arm that sticks the best stayed the best, in 20 CPU s instead of 29.
 _TURNS_OF_A_LOOK = 8
 _TIES_OF_INSTANTS = (1.0,)  # of the nodes, where it is sought when something happens
 _TURNS_OF_SCANS = 10  # of what acts once, each of what the one before explains and leaves
