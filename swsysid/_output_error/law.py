@@ -269,7 +269,9 @@ class Law:
                     place += count
                 else:
                     parts.append(term.effect.columns(here, term.place, *term.theta))
-            return np.hstack(parts)
+            # feature by feature, as flows take them
+            values = np.empty((self.coef.shape[1], len(columns)))
+            return np.concatenate([part.T for part in parts], out=values).T
 
         return features
 
