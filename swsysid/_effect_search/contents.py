@@ -251,12 +251,12 @@ class TriedEffect(TypedDict):
 
 
 class UnsureEffect(TypedDict):
-    """What would come next, if chance may explain it, and how long a record would be sure of it."""
+    """What would come next, if chance may explain it or what was held out refutes it."""
 
     effect: str
     p_value: float
     share: float  # of the squared error of stretches that it was not fitted to
-    longer: float  # times this record
+    longer: float  # times this record that would be sure of it; 1 of what is refuted
 
 
 class TimeInterval(TypedDict):

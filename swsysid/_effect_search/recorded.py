@@ -57,17 +57,17 @@ class RecordedOutcome:
     models: tuple[Fit, ...]  # fitted to the searched part
     findings: tuple[Finding, ...]
     tried: tuple[Tried, ...]  # not kept
-    unsure: Finding | None = None  # what would have been next, if chance may explain it
+    unsure: Finding | None = None  # what would have been next, if it were sure
 
     @cached_property
     def final(self) -> Fit:
         """The last law, fitted to all."""
         return self.refitted(self.models[-1].law)
 
-    @cached_property
+    @property
     def held_out(self) -> Stretches:
-        """The stretches that took part in no choice, as long as they are."""
-        return self.search.stretches.of_rows(self.split.held_out_samples, fewest=1)
+        """The stretches that took part in no choice."""
+        return self.search.held_out
 
     @cached_property
     def errors(self) -> list[tuple[Array, Array]]:
@@ -164,6 +164,12 @@ class RecordedOutcome:
         own = self.search.stretches
         asked = "every", own.disturbance
         return self.search.known(own.parts, asked, lambda: own.of_rows(np.arange(len(own.records))))
+
+    @property
+    def whole(self) -> Search:
+        """The search in all samples, none of them held out."""
+        none = np.zeros(0, dtype=np.intp)
+        return replace(self.search, stretches=self.every, held_out_rows=none)
 
     def refitted(self, law: Law) -> Fit:
         """A law fitted to all samples, wherever its coefficients begin."""

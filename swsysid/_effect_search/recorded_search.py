@@ -21,10 +21,11 @@ from swsysid._effect_search.recorded import RecordedOutcome
 from swsysid._effect_search.recording import Measured
 from swsysid._journal import offer
 from swsysid._output_error.criterion import Left, fall, go_astray
-from swsysid._output_error.engines import QUANTITIES, RATES, n_happened
+from swsysid._output_error.engines import QUANTITIES, RATES, Finding, n_happened
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law, remembers
-from swsysid._output_error.search import Search, Searched
+from swsysid._output_error.rounds import Searched, searched
+from swsysid._output_error.search import Search
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._output_error.values import Values
@@ -76,7 +77,7 @@ def searched_recordings(
         stretches = _held(law, as_logged, {}, split, input_hold)[0]
     stepped = engine.stepped(law, stretches)
     asked = targets, linear, significance, most, n_jobs, verbose
-    search = Search(engine, stepped, effects, *asked)
+    search = Search(engine, stepped, effects, *asked, held_out_rows=split.held_out_samples)
     outcome = _searched(RecordedOutcome(search, measured, split, declared, (), (), ()), law)
     if measured.recorded is None or not outcome.findings:
         return outcome
@@ -149,7 +150,7 @@ def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
     search, significance = begun.search, begun.search.significance
     # where something happens for some time in what was held out, that refutes what it hides
     strict = not any(one.acts_once for one in search.library)
-    outcome = _sound(begun, search.run(law), strict)
+    outcome = _sound(begun, searched(search, law), strict)
     if strict:
         return outcome
     further, search = _with_events(outcome, significance), outcome.search
@@ -170,8 +171,11 @@ def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
 def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOutcome:
     """What a search has found and other stretches do not refute.
 
-    What was found beside an effect that is refuted rests on it, and is looked for again.
+    What was found beside an effect that is refuted rests on it, and is looked for again, once: in 19
+    measured sets and 44 searches of tests nothing is refuted, and of an arm that sticks, where all
+    is, five further searches found nothing that stands.
     """
+    nearest: Finding | None = None
     tried = list(outcome.tried)
     while True:
         models = tuple(one.fit for one in done.models)
@@ -180,16 +184,19 @@ def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOu
         )
         offer(outcome.joint_fit(models[-1]))
         outcome = _with_instants(outcome)
-        listed = [one.candidate for one in outcome.findings]
+        found = outcome.findings
         outcome = _confirmed(outcome, strict)
         tried += outcome.tried
         kept = [one.candidate for one in outcome.findings]
-        both = zip(listed, kept, strict=False)  # one may have been found twice
-        n_sound = next((k for k, (one, other) in enumerate(both) if one is not other), len(kept))
-        is_done = n_sound == len(kept) and (n_sound or not listed)
-        if is_done or len(done.search.refuted) == outcome.search.most:
-            return replace(outcome, tried=tuple(tried), unsure=done.unsure)
-        done = done.search.again(done, n_sound, listed[n_sound])
+        both = zip(found, kept, strict=False)  # one may have been found twice
+        lost = (k for k, (one, other) in enumerate(both) if one.candidate is not other)
+        n_sound = next(lost, len(kept))
+        is_done = n_sound == len(kept) and (n_sound or not found)
+        nearest = nearest if is_done else nearest or found[n_sound]
+        if is_done or done.search.refuted:
+            unsure = done.unsure if is_done else None  # beside what is refuted it says nothing
+            return replace(outcome, tried=tuple(tried), unsure=unsure or nearest)
+        done = done.again(n_sound, found[n_sound].candidate)
 
 
 def _with_events(outcome: RecordedOutcome, significance: float) -> RecordedOutcome:
@@ -204,7 +211,7 @@ def _with_events(outcome: RecordedOutcome, significance: float) -> RecordedOutco
     if len(outcome.findings) == search.most:
         return outcome
     likely = float(np.sqrt(significance))
-    whole = replace(search, stretches=outcome.every, library=once, significance=likely)
+    whole = replace(outcome.whole, library=once, significance=likely)
     begun = tuple(whole.model(outcome.refitted(model.law)) for model in outcome.models)
     found = Searched(whole, begun, outcome.findings).went_on()
     more = (engine.fitted(model.law, search.stretches) for model in found.models[len(begun) :])
@@ -219,7 +226,7 @@ def _with_instants(outcome: RecordedOutcome) -> RecordedOutcome:
     """
     search, law = outcome.search, outcome.models[-1].law
     library = [one for one in search.library if one.acts_once]
-    whole = replace(search, stretches=outcome.every, library=library, refuted=())
+    whole = replace(outcome.whole, library=library, refuted=())
     findings = list(outcome.findings)
     for place, finding in enumerate(findings):
         if not finding.candidate.effect.acts_once:
@@ -267,13 +274,14 @@ def _confirmed(outcome: RecordedOutcome, strict: bool) -> RecordedOutcome:
             p_value = min(1.0, p_value * np.exp(-judged.nats))
             is_last = place == len(kept) - 1  # what it explains no other one would
             least = SETTINGS.worth_telling if strict and is_last else -np.inf
-            is_better = judged.share > (0.0 if strict else -judged.error) and worth >= least
+            is_better = judged.share > 0.0 if strict else not judged.is_worse
+            is_better = is_better and worth >= least
             is_better = is_better and not go_astray(free[0], free[1], significance)
             # what its own interval does not tell from none stands for what is beside it
             is_better = is_better and outcome.chance_of_none(last, stretches)[place] < _SURE
             kept[place] = replace(kept[place], p_value=float(p_value))
         elif tried:  # what has been refuted since may have hidden it
-            whole = replace(outcome.search, stretches=outcome.every)
+            whole = outcome.whole
             p_value = whole.p_value(
                 *(whole.model(outcome.refitted(one.law)) for one in (less, last))
             )

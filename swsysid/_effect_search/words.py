@@ -130,15 +130,20 @@ def nearest(report: EffectContents, units: Units) -> str:
 
 
 def none_is_sure(report: EffectContents) -> str:
-    """What would come next if chance could not explain it, and how long a record would tell."""
+    """What would come next if it were sure, and what would tell or speaks against it."""
     near = report.unsure
     if near is None:
         return ""
+    # one that is sure of the searched part is not kept for what was held out
+    why = (
+        f"about {near['longer']:.2g} times as much of such a record would tell"
+        if near["longer"] > 1.0
+        else "what was held out speaks against it"
+    )
     return (
         f"No effect is sure. Nearest is {near['effect']}, by which the squared error of stretches "
         f"that it was not fitted to falls by {percent(near['share'])} "
-        f"({probability(near['p_value'])}); about {near['longer']:.2g} times as much of such a "
-        "record would tell"
+        f"({probability(near['p_value'])}); {why}"
     )
 
 

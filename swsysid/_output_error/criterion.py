@@ -70,6 +70,11 @@ class Fall:
         return float(self.blocks.std(ddof=1) / np.sqrt(len(self.blocks)))
 
     @property
+    def is_worse(self) -> bool:
+        """Whether the squares rise by more than blocks of samples differ."""
+        return self.share <= -self.error
+
+    @property
     def p_value(self) -> float:
         """Most probability of so much evidence, where the first model is right."""
         return float(np.exp(min(0.0, -self.nats)))

@@ -7,16 +7,17 @@ what it explains of the residual beside the law's own columns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from joblib import Parallel, delayed, effective_n_jobs
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from swsysid._journal import step
+from swsysid._journal import resumable, step
 from swsysid._output_error import estimate, scan
-from swsysid._output_error.criterion import Left, price
+from swsysid._output_error.criterion import Left, most_share, price
 from swsysid._output_error.estimate import Courses, Fit, Places, cost
 from swsysid._output_error.law import Law
 from swsysid._output_error.scan import Score, explained
@@ -227,6 +228,47 @@ class Engine:
     scores: Callable[..., Sequence[Score]]  # of a fit, by how nodes are tied
     stepped: Callable[[Law, Stretches], Stretches]  # in steps that the law allows
     disturbances: tuple[float, ...]  # of a law, with each of which a first effect is looked for
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Folds of stretches, of which each is predicted by laws fitted to the others."""
+
+    engine: Engine
+    stretches: Stretches
+    n_jobs: int | None = None
+
+    def model(self, fit: Fit) -> Model:
+        """A law fitted to all stretches, and fold by fold."""
+        return self._model(fit, list(self._left(fit)))
+
+    def worthwhile(self, fit: Fit, now: Model) -> Model | None:
+        """The same; None once the folds that are left cannot make it worth it beside a model."""
+        left: list[Array] = []
+        for one in self._left(fit):
+            left.append(one)
+            if most_share(now.unseen, np.vstack(left)) < SETTINGS.worthwhile:
+                return None
+        return self._model(fit, left)
+
+    def _left(self, fit: Fit) -> Iterable[Array]:
+        folds = self.stretches.folds()
+        # done one by one, folds after the one that settles the question are never fitted
+        how = "generator" if effective_n_jobs(self.n_jobs) == 1 else "list"
+        return Parallel(n_jobs=self.n_jobs, return_as=how)(
+            delayed(one)(fit, *fold)
+            for one, fold in zip([resumable(self._of_fold) for _ in folds], folds, strict=True)
+        )
+
+    def _of_fold(self, fit: Fit, train: Sequence[int], test: Sequence[int]) -> Array:
+        known, unknown = (fit.courses_of(one) for one in (train, test))
+        own = self.stretches.some(train)
+        part = self.engine.fitted(fit.law, own, known, fit.noise, turns=1)
+        return self.engine.left_over(part, self.stretches.some(test), unknown).samples
+
+    def _model(self, fit: Fit, left: Sequence[Array]) -> Model:
+        tested = [number for _, test in self.stretches.folds() for number in test]
+        return Model(fit, Left(np.vstack(left), self.stretches.some(tested).series))
 
 
 RATES = Engine(

@@ -1,4 +1,4 @@
-"""The rounds: scan, estimate what explains most, compare on unseen stretches, take the best."""
+"""A round: scan, estimate what explains most, compare on unseen stretches, take the best."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -18,8 +18,8 @@ from swsysid._output_error.engines import (
     Engine,
     Finding,
     Model,
+    Unseen,
     as_likely,
-    n_happened,
     of_other_kinds,
 )
 from swsysid._output_error.estimate import Fit, cost
@@ -27,10 +27,9 @@ from swsysid._output_error.law import Law
 from swsysid._output_error.scan import Candidate, of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
-from swsysid._output_error.unseen import Unseen
 from swsysid._output_error.values import Values
 from swsysid._remembered import Answer, Remembered
-from swsysid._rendering.progress import progress
+from swsysid._stays.nodes import Rows
 from swsysid._ties import least_of
 from swsysid.effects import Effect, PlacedEffect
 
@@ -39,66 +38,12 @@ _LATELY = 64  # answers that are kept, all of them of about five rounds
 
 
 @dataclass(frozen=True)
-class Searched:
-    """What a search has found: the declared model, and one effect more in each that follows.
-
-    `unsure` is what would have been next, if chance may explain it.
-    """
-
-    search: Search
-    models: tuple[Model, ...]
-    findings: tuple[Finding, ...]
-    unsure: Finding | None = None
-
-    def is_clearer(self, other: Searched) -> bool:
-        """Whether the first effect explains surely more of what is left, or no less by a name."""
-        mine, theirs = self.first_fall, other.first_fall
-        if self.has_a_name > other.has_a_name:
-            return theirs.share <= mine.share + mine.error
-        return mine.share > theirs.share + theirs.error
-
-    @property
-    def has_a_name(self) -> bool:
-        """Whether an effect was found last that is no function of any shape."""
-        return bool(self.findings) and not self.models[-1].is_nameless
-
-    @property
-    def first_fall(self) -> Fall:
-        """By how much the first effect lowers what the declared model leaves, if there is one."""
-        return fall(self.models[0].unseen, self.models[min(1, len(self.findings))].unseen)
-
-    def with_one_more(self, model: Model, finding: Finding) -> Searched:
-        """The same with one effect more, if it is likely."""
-        if not self.search.is_likely(finding):  # evidence against it does not grow to be for it
-            return replace(self, unsure=finding if finding.longer > 0.0 else None)
-        return Searched(self.search, (*self.models, model), (*self.findings, finding))
-
-    @property
-    def standard(self) -> Model:
-        """What the worth of an effect is measured by: the declared law, and what happened first.
-
-        A lid that was opened leaves more than all that there is at other times.
-        """
-        return self.models[n_happened(self.findings)]
-
-    def went_on(self, after_each: Callable[[], None] = lambda: None) -> Searched:
-        """The same with every further effect that is worth it."""
-        done = self
-        while len(done.findings) < self.search.most:
-            better = self.search.round(done.models[-1], done.standard)
-            after_each()
-            before, done = done, done if better is None else done.with_one_more(*better)
-            if len(done.findings) == len(before.findings):
-                break
-        return done
-
-
-@dataclass(frozen=True)
 class Search:
     """One search in the searched part of recordings, of those effects of a library that show there.
 
     `targets` are the states whose equations may lack something, `linear` the features that are
-    multiples of channels, `refuted` effects that other stretches have spoken against.
+    multiples of channels, `refuted` effects that other stretches have spoken against,
+    `held_out_rows` those of stretches that take part in no choice, if there are any.
     """
 
     engine: Engine
@@ -111,50 +56,18 @@ class Search:
     n_jobs: int | None = None
     verbose: bool = False
     refuted: tuple[PlacedEffect, ...] = ()
+    held_out_rows: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     lately: Remembered = field(default_factory=lambda: Remembered(_LATELY), repr=False)
-
-    def run(self, declared: Law) -> Searched:
-        """The declared model and those with one effect more each; the effects."""
-        with progress(self.most, "rounds of the search", self.verbose) as bar:
-            *compared, largest = self.engine.disturbances
-            starts = [self.disturbed(one).started(declared) for one in compared]
-            if not any(one.findings for one in starts):
-                starts.append(self.disturbed(largest).started(declared))
-            done = reduce(lambda best, one: one if one.is_clearer(best) else best, starts)
-            bar.update()
-            return done.went_on(bar.update) if done.findings else done
-
-    def again(self, done: Searched, n_sound: int, refuted: PlacedEffect) -> Searched:
-        """The search without an effect that was refuted, from those before it that were not."""
-        looks = 2 + len(self.refuted)  # looking again costs
-        other = replace(
-            self, refuted=(*self.refuted, refuted), significance=self.significance / looks
-        )
-        if not n_sound:
-            declared, known = done.models[0].law, done.search.stretches.disturbance
-            for one in self.engine.disturbances:
-                begun = other.disturbed(one).started(declared) if one > known else None
-                if begun is not None and begun.findings:
-                    return begun.went_on()
-            return other.run(declared)
-        sound = Searched(other, done.models[: n_sound + 1], done.findings[:n_sound])
-        return sound.went_on()
 
     def disturbed(self, disturbance: float) -> Search:
         """The same search for a law with another disturbance."""
         return replace(self, stretches=replace(self.stretches, disturbance=disturbance))
 
-    @step
-    def started(self, declared: Law) -> Searched:
-        """The declared model, and the first effect if there is one."""
+    def declared(self, law: Law) -> Model:
+        """The declared law, fitted to all stretches and fold by fold."""
         own = self.stretches
-        asked = own.disturbance, declared.declared.tobytes(), declared.known.tobytes()
-        first: Model = self.known(
-            own.parts, asked, lambda: self.model(self.engine.fitted(declared, own))
-        )
-        done = Searched(self, (first,), ())
-        better = self.round(first, first) if self.most else None
-        return done if better is None else done.with_one_more(*better)
+        asked = own.disturbance, law.declared.tobytes(), law.known.tobytes()
+        return self.known(own.parts, asked, lambda: self.model(self.engine.fitted(law, own)))
 
     def model(self, fit: Fit) -> Model:
         """A law fitted to all stretches, and fold by fold."""
@@ -353,6 +266,16 @@ class Search:
         Where it is not, it hides nothing that predicts.
         """
         return not model.law.terms[-1].effect.acts_once or self.p_value(now, model) < most
+
+    @cached_property
+    def held_out(self) -> Stretches:
+        """The stretches that took part in no choice, as long as they are."""
+        return self.stretches.of_rows(self.held_out_rows, fewest=1)
+
+    def held_out_left(self, model: Model) -> Left:
+        """What a model leaves of them."""
+        left = partial(self.engine.left_over, model.fit, self.held_out)
+        return self.known(model.fit, "held out", left)
 
     @property
     def folds(self) -> Unseen:

@@ -7,6 +7,8 @@ import pytest
 from scipy.signal import lsim
 
 from swsysid import EffectSearchCV, SwitchingSystemRegressor
+from swsysid._data.records import make_records
+from swsysid._effect_search.folds import split_records
 from swsysid.effects import CoulombFriction, Polynomial, QuadraticDrag, TimeInterval
 
 NOISE = 0.5
@@ -71,6 +73,25 @@ def test_what_chance_may_explain_is_told_with_how_much_more_would_tell():
     assert near["longer"] == pytest.approx(1.0 + (np.log(near["p_value"]) - np.log(most)) / nats)
     assert 0.5 < near["share"] < 1.0
     assert report.summary.startswith("No effect is sure. Nearest is quadratic drag of x0 in x0'")
+
+
+def test_what_the_held_out_rows_speak_against_is_said_and_not_kept():
+    """v' = u - .5 v - .3 v |v| where the search looks, + .3 v |v| in what it holds out."""
+    rng, step, n = np.random.default_rng(0), 0.02, 1200
+    u, v, t = np.repeat(rng.uniform(-1.0, 1.0, n // 50), 50), np.zeros(n), step * np.arange(n)
+    records = make_records(v[:, None], 1, t=t, names=["v"])
+    split = split_records(records, np.random.RandomState(0))
+    drag = np.where(np.isin(np.arange(n), split.held_out), 0.3, -0.3)
+    for k in range(n - 1):
+        v[k + 1] = v[k] + step * (u[k] - 0.5 * v[k] + drag[k] * v[k] * abs(v[k]))
+    v += 0.002 * rng.standard_normal(n)
+    declared = SwitchingSystemRegressor(1, feature_library=1, random_state=0)
+    search = EffectSearchCV(declared, effects=[QuadraticDrag()], input_hold="zero")
+    report = search.fit(v[:, None], t=t, inputs=u[:, None]).report_
+    assert not report.effects
+    assert report.unsure["longer"] == 1.0 and report.unsure["p_value"] < 1e-4
+    assert report.summary.startswith("No effect is sure. Nearest is quadratic drag of x0 in x0'")
+    assert "what was held out speaks against it" in report.summary
 
 
 def test_a_longer_record_is_no_promise_of_what_the_evidence_is_against():

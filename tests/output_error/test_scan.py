@@ -9,6 +9,7 @@ from swsysid._data.records import make_records
 from swsysid._output_error.engines import RATES
 from swsysid._output_error.estimate import fitted
 from swsysid._output_error.law import Law
+from swsysid._output_error.rounds import started
 from swsysid._output_error.scan import Candidate, RolloutScore, scores, shortlist
 from swsysid._output_error.search import Search
 from swsysid._output_error.stretches import Stretches
@@ -85,19 +86,19 @@ def test_what_was_estimated_is_not_estimated_again_after_a_refutation(declared):
     engine = replace(RATES, fitted=counted)
     library = [Bias(), QuadraticDrag(), Polynomial()]
     search = Search(engine, stretches, library, [0], {}, significance=0.01, most=1)
-    first = search.started(fit.law)
+    first = started(search, fit.law)
     count, found = len(fits), first.findings[0].candidate
-    again = search.started(fit.law)
+    again = started(search, fit.law)
     assert again.models[0] is first.models[0]
     assert again.findings[0].candidate == found
     fits.clear()
-    other = replace(search, refuted=(found,)).started(fit.law)
+    other = started(replace(search, refuted=(found,)), fit.law)
     assert all(one.candidate.effect.kind != found.effect.kind for one in other.findings)
     alone = Search(engine, stretches, library, [0], {}, significance=0.01, most=1, refuted=(found,))
     assert len(fits) < 0.5 * count  # of further candidates fold by fold, and of values
-    expected = alone.started(fit.law)
+    expected = started(alone, fit.law)
     free = np.zeros_like(fit.law.declared)
-    told = search.started(Law.of(fit.law.library, free, np.full(free.shape, -0.4)))
+    told = started(search, Law.of(fit.law.library, free, np.full(free.shape, -0.4)))
     assert told.models[0].law.coef[0, 0] == -0.4  # another law is asked anew
     assert [one.p_value for one in other.findings] == [one.p_value for one in expected.findings]
 

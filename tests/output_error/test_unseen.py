@@ -7,12 +7,11 @@ import pytest
 
 from swsysid._data.records import make_records
 from swsysid._output_error.criterion import Left, fall, most_share
-from swsysid._output_error.engines import RATES
+from swsysid._output_error.engines import RATES, Unseen
 from swsysid._output_error.estimate import fitted
 from swsysid._output_error.law import Law
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
-from swsysid._output_error.unseen import Unseen
 from swsysid.effects import Bias, PlacedEffect, QuadraticDrag
 
 
