@@ -33,6 +33,12 @@ def test_other_words_are_refused_and_listed(tmp_path):
         found.numbers("u")
 
 
+def test_a_garbled_line_amid_two_words_is_what_is_asked_about(tmp_path):
+    found = table(tmp_path, ["t,u", "0,ON", "1,OFF", "2,60.0\u00b0C", "3,ON"]).spelled(["u"])
+    with pytest.raises(TableError, match="row 4 holds '60.0\u00b0C'; if that means a missing value"):
+        found.numbers("u")
+
+
 def test_bytes_of_an_archive_are_words(tmp_path):
     np.savez(tmp_path / "log.npz", u=np.array([b"ON", b"OFF", b"ON"]), x=np.arange(3.0))
     found = read_table(tmp_path / "log.npz").spelled("u")
