@@ -193,8 +193,8 @@ class SwitchingVerdict:
             return f"No switching: {told}"
         where = " of the other samples" if self.comparison.noise_alone else ""
         return (
-            f"Whether it switches is not shown: {told} That law leaves more than noise{where}: try "
-            f"another library{self._if_memory(', or, ')}."
+            f"Whether it switches is not shown: {told} That law leaves more than noise{where}: "
+            f"{self._asking}try another library{self._if_memory(', or, ')}."
         )
 
     def _of_modes(self) -> str:
@@ -246,8 +246,9 @@ class SwitchingVerdict:
             ),
             Verdict.ONE_MODE: (
                 "Switching does not predict the held-out samples clearly better than one mode "
-                f"(error {change(comparison)}). {self._mistrust}: try another library, keep "
-                f"one mode ({words.one_mode}){self._if_memory(', or, ', 'try ')}{other}."
+                f"(error {change(comparison)}). {self._mistrust}: {self._asking}try another "
+                f"library, keep one mode ({words.one_mode})"
+                f"{self._if_memory(', or, ', 'try ')}{other}."
             ),
             Verdict.TOO_FEW: (
                 "These data do not decide whether there is switching: the modes change "
@@ -327,8 +328,15 @@ class SwitchingVerdict:
     def _smooth_advice(self) -> str:
         """To ask for the law of one mode, unless it lacks something as well."""
         if self.comparison.lacks_something:
-            return ", nor that law, which leaves more than noise, too: try another library"
+            more = f"{self._asking}try another library"
+            return f", nor that law, which leaves more than noise, too: {more}"
         return self._advice()
+
+    @property
+    def _asking(self) -> str:
+        """To ask what one law lacks, of which nothing says that it leaves noise alone."""
+        stands = self.noise is not None and not self.comparison.lacks_something
+        return "" if stands else f"ask what one law lacks ({self.words.effects}), "
 
     def _advice(self) -> str:
         """To ask for the law of one mode that is best."""
