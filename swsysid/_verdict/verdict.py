@@ -230,7 +230,7 @@ class SwitchingVerdict:
             ),
             Verdict.CHANCE: (
                 f"Switching predicts the held-out samples better than {law}, which may be chance "
-                f"({sure}). Record more trajectories{words.hold_out}."
+                f"({sure}). Record more trajectories{words.hold_out}.{self._in_their_place}"
             ),
             Verdict.SMOOTH: (
                 "Switching does not predict the held-out samples clearly better than one mode: "
@@ -243,6 +243,7 @@ class SwitchingVerdict:
                 "leave nothing but noise, which no smooth law that was tried does. Laws of the "
                 f"other samples alone do not repeat that on what is held out (error against {law} "
                 f"{change(comparison)}): they are too few for every coefficient. Record more."
+                f"{self._in_their_place}"
             ),
             Verdict.ONE_MODE: (
                 "Switching does not predict the held-out samples clearly better than one mode "
@@ -322,7 +323,7 @@ class SwitchingVerdict:
             f"Told when to switch, the {self._compared} leave nothing but noise, which no "
             "smooth law that was tried does; but by themselves they predict the held-out samples "
             f"no better than {law} (error {change(self.comparison)}): do not trust the switching "
-            f"surface. Record more switches, from other states{other}."
+            f"surface. Record more switches, from other states{other}.{self._in_their_place}"
         )
 
     def _smooth_advice(self) -> str:
@@ -331,6 +332,12 @@ class SwitchingVerdict:
             more = f"{self._asking}try another library"
             return f", nor that law, which leaves more than noise, too: {more}"
         return self._advice()
+
+    @property
+    def _in_their_place(self) -> str:
+        """What to ask where modes by themselves leave the recordings they were found in."""
+        astray = self.free is not None and not self.free.holds
+        return f" {self.words.effects} asks what one law lacks in their place." if astray else ""
 
     @property
     def _asking(self) -> str:

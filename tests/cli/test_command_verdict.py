@@ -199,7 +199,7 @@ def compared(several, one, richer, n_switches=20, told=None, n_rows=200, uneven=
     )
 
 
-EXPLAINED = {"noise": np.full(1, 0.1), "explains": True}
+SMALL, EXPLAINED = np.full(1, 0.4), {"noise": np.full(1, 0.1), "explains": True}
 
 
 @pytest.mark.parametrize(
@@ -220,14 +220,8 @@ EXPLAINED = {"noise": np.full(1, 0.1), "explains": True}
         (replace(compared(0.6, 0.5, 0.4, 4), **EXPLAINED), Verdict.TOO_FEW),
         (replace(compared(0.6, 0.5, 0.4), noise=np.full(1, 0.1)), Verdict.SMOOTH),
         # of a column that rests the mean is as good as anything
-        (
-            replace(compared(0.4, 3.0, 2.0), spread=np.full(1, 0.4), noise=np.full(1, 0.4)),
-            Verdict.SWITCHES,
-        ),
-        (
-            replace(compared(0.4, 3.0, 2.0), spread=np.full(1, 0.4), noise=np.full(1, 0.1)),
-            Verdict.USELESS,
-        ),
+        (replace(compared(0.4, 3.0, 2.0), spread=SMALL, noise=SMALL), Verdict.SWITCHES),
+        (replace(compared(0.4, 3.0, 2.0), spread=SMALL, noise=np.full(1, 0.1)), Verdict.USELESS),
         (replace(compared(0.6, 0.5, 0.1), **EXPLAINED), Verdict.SMOOTH),  # so do a smooth law's
     ],
 )
@@ -254,6 +248,9 @@ def test_no_switching_is_not_said_of_a_law_that_its_own_rollouts_refute(wrong, w
         compared(0.1, 0.1, 0.08), 1, "auto", ("x",), "linear", 100, True, False, free=free
     )
     assert words in judged.sentence and ("lacks (EffectSearchCV)" in judged.sentence) == wrong
+    modes = replace(judged, comparison=compared(0.6, 0.5, 0.4), n_modes=2, switches=True)
+    modes = replace(modes, comparison=replace(modes.comparison, **EXPLAINED))
+    assert ("EffectSearchCV asks what one law lacks" in modes.sentence) == wrong
 
 
 def test_the_gain_is_that_of_blocks_not_of_rows():
