@@ -162,7 +162,8 @@ def _start(automaton: HybridAutomaton, first: Record, mode: int) -> tuple[Array,
     unit, guess = spread(rough), rough[: automaton.lags + 1]
 
     def misfit(start: Array) -> Array:
-        left = np.nan_to_num(_left(automaton, first, start, mode) / unit, nan=LIMITS.diverged)
+        left = _left(automaton, first, start, mode) / unit[: first.y.shape[1]]  # some are hidden
+        left = np.nan_to_num(left, nan=LIMITS.diverged)
         return np.where(np.isfinite(first.y), left, 0.0).ravel()
 
     if automaton.lags:

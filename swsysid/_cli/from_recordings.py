@@ -63,7 +63,7 @@ class _Unfit(Exception):
 def identify_recordings(
     samples: Samples, terms: Terms, options: JobOptions
 ) -> tuple[FromRecordings | None, str]:
-    """What the recordings say; if nothing, why not."""
+    """What the recordings say, and why that, or nothing, is less than was asked for."""
     recorded = samples.recorded
     if recorded is None or samples.t is None or options.quick:
         return None, ""
@@ -76,9 +76,10 @@ def identify_recordings(
                 f"rollouts of more than {most:,} samples of these terms take long (--decimate "
                 f"{fewer} makes them fewer)."
             )
-        return _Identification(samples, terms, options).found(), ""
+        found, why = _Identification(samples, terms, options).found()
     except (_Unfit, ValueError, SolverError) as reason:
-        return None, f"Identified from derivatives: {reason}"
+        found, why = None, str(reason)
+    return found, f"Identified from derivatives: {why}" if why else ""
 
 
 class _Identification:
@@ -99,8 +100,11 @@ class _Identification:
         self.held_out = HeldOutTrajectories(given, split, self._fitted, order, units)
         self.judge = Judge(self.held_out, terms)
 
-    def found(self) -> FromRecordings:
-        """The model of all recordings and the verdict, or an exception that says why not."""
+    def found(self) -> tuple[FromRecordings, str]:
+        """The model of all recordings and the verdict, or an exception that says why not.
+
+        Also what derivatives may know better of it; "" where that is nothing.
+        """
         terms, n_modes, given_up, judge = self.terms, self.options.modes, None, self.judge
         if n_modes == 1:
             identifier = self._finished(terms, 1, judge.laws[terms])
@@ -114,11 +118,11 @@ class _Identification:
                 given_up, terms = identifier.n_modes_, comparison.best.terms
                 identifier = self._finished(terms, 1, None, sparsity="auto")
                 judged = judge.of_law(comparison, terms)
-        self._check(identifier, terms)
+        doubt = self._checked(identifier, terms)
         verdict = judge.verdict(
             identifier, judged, n_modes, terms=terms, given_up=given_up, words=COMMAND_LINE
         )
-        return FromRecordings(
+        found = FromRecordings(
             identifier,
             terms,
             self._modes(identifier),
@@ -126,6 +130,7 @@ class _Identification:
             self.held_out.split,
             verdict,
         )
+        return found, doubt
 
     def _of_several(self, n_modes: int | str) -> tuple[TrajectoryIdentifier, Judged]:
         """Several modes, judged by those of the training recordings alone.
@@ -222,8 +227,8 @@ class _Identification:
 
     # -- whether to believe it -------------------------------------------------------------
 
-    def _check(self, identifier: TrajectoryIdentifier, terms: Terms) -> None:
-        """Refuse what derivatives know better."""
+    def _checked(self, identifier: TrajectoryIdentifier, terms: Terms) -> str:
+        """Refuse what derivatives know better; one law that lacks something they may know."""
         samples, excess = self.samples, identifier.report_.excess
         lacking = bool((excess > JUDGING.noise_alone).any())
         wanted = self.options.modes
@@ -231,8 +236,9 @@ class _Identification:
         predicted = identifier.predict_modes(samples.frame)
         is_constant = identifier.n_modes_ > 1 and bool((predicted == predicted[0]).all())
         shown = 1 if is_constant else identifier.n_modes_
-        if shown < asked and (lacking or is_constant):
-            raise _Unfit(f"the trajectories themselves show {shown} of {asked} modes.")
+        fewer = f"the trajectories themselves show {shown} of {asked} modes."
+        if is_constant or (1 < shown < asked and lacking):
+            raise _Unfit(fewer)
         if (excess > RECORDINGS.hopeless).any():
             worst = int(np.argmax(excess))
             raise _Unfit(
@@ -240,7 +246,7 @@ class _Identification:
                 f"of {samples.names[worst]}; {self.options.missing}."
             )
         if not lacking:
-            return
+            return ""
         library = terms.library(samples.X.shape[1])
         derived = self.options.regressor(identifier.n_modes_, feature_library=library)
         with warnings.catch_warnings():
@@ -251,6 +257,7 @@ class _Identification:
                 "the laws that follow the trajectories best miss their derivatives, and so lack "
                 "something."
             )
+        return fewer if shown < asked else ""
 
 
 def _left(model: SwitchingSystemRegressor, samples: Samples) -> float:

@@ -61,6 +61,9 @@ class JobResult:
         return self.verdict.given_up
 
 
+_NO_MODES = (Verdict.ONE_MODE, Verdict.SMOOTH, Verdict.USELESS)
+
+
 def run_job(table: Table, options: JobOptions) -> JobResult:
     """Identify, and compare with smooth laws of one mode on what is held out.
 
@@ -71,9 +74,11 @@ def run_job(table: Table, options: JobOptions) -> JobResult:
     split = hold_out(samples.groups, options.test_fraction, options.random_state)
     terms, position_gain = _terms(samples, split, options)
     found, remark = identify_recordings(samples, terms, options)
-    if found is None:
+    if found is None or remark:
         derived = _from_derivatives(samples, terms, split, options)
-        return replace(derived, position_gain=position_gain, remark=remark)
+        # modes of derivatives alone that are not to be trusted tell less than one law of samples
+        if found is None or derived.verdict.kind not in _NO_MODES:
+            return replace(derived, position_gain=position_gain, remark=remark)
     return JobResult(
         model=found.model,
         modes=found.modes,

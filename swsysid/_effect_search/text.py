@@ -43,7 +43,7 @@ _FORMULAS = 3  # lines of a terminal
 
 NOT_LOOKED_FOR = "Not looked for"
 SPANNED = f"{NOT_LOOKED_FOR}, since the declared model can take their shape"
-NOT_KEPT = "Significant but not kept, since what is untouched is not clearly better predicted"
+NOT_KEPT = "Significant, not kept: what is untouched is no better, or its size not told from none"
 _DECLARED, _WITH_EFFECTS = "declared model", "model with the effects"
 
 

@@ -127,7 +127,7 @@ class _Innovations:
         elif fewer > 1:
             few = cls.of(estimate, noise, settings, fewer)
         spans = pieces_of(recordings.spans, places)
-        filter_ = FlowFilter.of(estimate.laws, pieces, noise, np.zeros(len(noise)), spans)
+        filter_ = FlowFilter.of(estimate.motion, pieces, noise, np.zeros(len(noise)), spans)
         k = np.arange(len(pieces.steps))[:, None]
         first, last = (
             np.array([own - piece.begin for own, piece in zip(ends, places, strict=True)])

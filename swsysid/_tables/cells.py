@@ -33,6 +33,8 @@ _NUMBER = {
     )
     for mark, other in ((r"\.", ","), (",", r"\."))
 }
+# Whole numbers with marks between thousands; of a column one has two of them, or they are decimal.
+_GROUPED = [re.compile(rf"[+-]?\d{{1,3}}({mark}\d{{3}})*") for mark in (r"\.", ",")]
 _MINUTES = r"\d{1,2}:\d\d[.,]\d+"  # minutes and seconds, as spreadsheets show short times
 _TIME = r"\d{1,2}:\d\d(?::\d\d(?:[.,]\d+)?)?(?:\s?[AaPp][Mm])?\s?(?:Z|UTC|[+-]\d\d:?\d\d)?"
 _DATE = r"(?:\d{4}(?P<y>[-/.])\d{1,2}(?P=y)\d{1,2}|\d{1,2}(?P<d>[-/.])\d{1,2}(?P=d)\d{4})"
@@ -157,6 +159,8 @@ def column_of(
     (array([1.5, nan]), '', None)
     >>> column_of(["2024-05-01T23:59:59Z", "2024-05-02T01:00:00.5+01:00"])
     (array([0. , 1.5]), 's', 1714607999.0)
+    >>> column_of(["0.000", "101.000", "1.002.000"])
+    (array([      0.,  101000., 1002000.]), '', None)
     >>> column_of(["250 ms", "1.5 sec"]), column_of(["3 V", "4 V"])
     ((array([0.25, 1.5 ]), 's', None), (array([3., 4.]), 'V', None))
     """
@@ -167,7 +171,8 @@ def column_of(
     if all(is_number(text, decimal) for text in present):
         values[~gap] = _plain(present, decimal)
         return values, "", None
-    for read, unit in ((_quantities(present, decimal)), (_passed(present), "s")):
+    others = (_quantities(present, decimal), (_passed(present), "s"), (_grouped(present), ""))
+    for read, unit in others:
         if read is not None:
             values[~gap] = read
             return values, unit, None
@@ -197,6 +202,15 @@ def _quantities(texts: list[str], decimal: str) -> tuple[NDArray | None, str]:
     if all(unit.lower() in SECONDS for unit in units):
         return numbers * [SECONDS[unit.lower()] for _, unit in parted], "s"
     return (numbers, units.pop()) if len(units) == 1 else (None, "")
+
+
+def _grouped(texts: list[str]) -> NDArray | None:
+    """Whole numbers that have marks between thousands and nothing else; None if some are none."""
+    if max((text.count(mark) for text in texts for mark in ".,"), default=0) < 2:
+        return None
+    if not any(all(map(form.fullmatch, texts)) for form in _GROUPED):
+        return None
+    return np.array([float(re.sub("[.,]", "", text)) for text in texts])
 
 
 def _passed(texts: list[str]) -> NDArray | None:

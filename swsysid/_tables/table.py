@@ -128,10 +128,17 @@ class Table:
         return np.array(list(columns.values()), dtype=float).T
 
     def _not_numeric(self, name: str, column: NDArray) -> str:
+        # of a column that is ON and OFF but for a garbled line it is that line that is asked about
+        shown = [(sum(bare(cell).lower() in pair for cell in column), pair) for pair in _PAIRS]
+        count, pair = max(shown)
+        known = pair if count > len(column) / 2 else ()
         odd = [
             k
             for k, cell in enumerate(map(str, column))
-            if cell and not is_number(cell) and not is_number(cell, ",")
+            if not is_missing(cell)
+            and not is_number(cell)
+            and not is_number(cell, ",")
+            and bare(cell).lower() not in known
         ]
         first = odd[0] if odd else 0
         cell, words = str(column[first]), {bare(column[k]) for k in odd}

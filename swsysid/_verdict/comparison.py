@@ -182,13 +182,14 @@ class Comparison:
             return Verdict.TOO_FEW
         if self.hidden:
             return Verdict.HIDDEN
+        few = self.n_switches < JUDGING.fewest_switches
         if self.improvement <= JUDGING.worth:
             if self.explains and self.lacks_something:
-                return Verdict.UNREPEATED
+                return Verdict.TOO_FEW if few else Verdict.UNREPEATED
             return Verdict.ONE_MODE if self.best is self.rivals[0] else Verdict.SMOOTH
         if self.predicts_nothing:
             return Verdict.USELESS
-        if self.n_switches < JUDGING.fewest_switches:
+        if few:
             return Verdict.TOO_FEW
         return Verdict.SWITCHES if self.is_sure else Verdict.CHANCE
 

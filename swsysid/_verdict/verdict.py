@@ -193,8 +193,8 @@ class SwitchingVerdict:
             return f"No switching: {told}"
         where = " of the other samples" if self.comparison.noise_alone else ""
         return (
-            f"Whether it switches is not shown: {told} That law leaves more than noise{where}: try "
-            f"another library{self._if_memory(', or, ')}."
+            f"Whether it switches is not shown: {told} That law leaves more than noise{where}: "
+            f"{self._asking}try another library{self._if_memory(', or, ')}."
         )
 
     def _of_modes(self) -> str:
@@ -230,7 +230,7 @@ class SwitchingVerdict:
             ),
             Verdict.CHANCE: (
                 f"Switching predicts the held-out samples better than {law}, which may be chance "
-                f"({sure}). Record more trajectories{words.hold_out}."
+                f"({sure}). Record more trajectories{words.hold_out}.{self._in_their_place}"
             ),
             Verdict.SMOOTH: (
                 "Switching does not predict the held-out samples clearly better than one mode: "
@@ -243,11 +243,13 @@ class SwitchingVerdict:
                 "leave nothing but noise, which no smooth law that was tried does. Laws of the "
                 f"other samples alone do not repeat that on what is held out (error against {law} "
                 f"{change(comparison)}): they are too few for every coefficient. Record more."
+                f"{self._in_their_place}"
             ),
             Verdict.ONE_MODE: (
                 "Switching does not predict the held-out samples clearly better than one mode "
-                f"(error {change(comparison)}). {self._mistrust}: try another library, keep "
-                f"one mode ({words.one_mode}){self._if_memory(', or, ', 'try ')}{other}."
+                f"(error {change(comparison)}). {self._mistrust}: {self._asking}try another "
+                f"library, keep one mode ({words.one_mode})"
+                f"{self._if_memory(', or, ', 'try ')}{other}."
             ),
             Verdict.TOO_FEW: (
                 "These data do not decide whether there is switching: the modes change "
@@ -321,14 +323,27 @@ class SwitchingVerdict:
             f"Told when to switch, the {self._compared} leave nothing but noise, which no "
             "smooth law that was tried does; but by themselves they predict the held-out samples "
             f"no better than {law} (error {change(self.comparison)}): do not trust the switching "
-            f"surface. Record more switches, from other states{other}."
+            f"surface. Record more switches, from other states{other}.{self._in_their_place}"
         )
 
     def _smooth_advice(self) -> str:
         """To ask for the law of one mode, unless it lacks something as well."""
         if self.comparison.lacks_something:
-            return ", nor that law, which leaves more than noise, too: try another library"
+            more = f"{self._asking}try another library"
+            return f", nor that law, which leaves more than noise, too: {more}"
         return self._advice()
+
+    @property
+    def _in_their_place(self) -> str:
+        """What to ask where modes by themselves leave the recordings they were found in."""
+        astray = self.free is not None and not self.free.holds
+        return f" {self.words.effects} asks what one law lacks in their place." if astray else ""
+
+    @property
+    def _asking(self) -> str:
+        """To ask what one law lacks, of which nothing says that it leaves noise alone."""
+        stands = self.noise is not None and not self.comparison.lacks_something
+        return "" if stands else f"ask what one law lacks ({self.words.effects}), "
 
     def _advice(self) -> str:
         """To ask for the law of one mode that is best."""

@@ -22,6 +22,7 @@ class Words:
     auto: str = 'n_modes="auto"'
     again: str = "Fit again with"
     memory: str = "a HybridAutomatonRegressor"
+    effects: str = "EffectSearchCV"
     hold_out: str = ""
     smooth: str = ""
     inputs: str = "the inputs"
@@ -46,6 +47,7 @@ COMMAND_LINE = Words(
     auto="--modes auto",
     again="Run again with",
     memory="--automaton",
+    effects="--diagnose",
     hold_out=", or hold out more of them (--test-fraction)",
     smooth=" (--window)",
     inputs="--inputs",

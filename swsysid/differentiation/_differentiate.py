@@ -293,17 +293,17 @@ def _strength(
     real("cutoff", cutoff, above=0, also=(None,))
     whole("decimate", decimate, most=_MOST_DECIMATED)
     may_drop = one_of("too_short", too_short, ("raise", "drop")) == "drop" or record.is_split
-    parts = []
-    for label, stretches in record.parts:
-        for index in stretches:
-            steps = np.diff(record.times[index])
-            if len(steps) > 2 and steps.max() > LARGEST_GAP * np.median(steps):
-                raise ValueError(
-                    f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
-                    f"{np.median(steps):g} apart; give the parts before and after it different "
-                    "groups."
-                )
-            parts.append((record.states[index], record.times[index]))
+    parts = [(record.states[rows], record.times[rows]) for rows in record.stretches]
+    labels = [label for label, stretches in record.parts for _ in stretches]
+    apart = [(label, np.diff(times)) for label, (_, times) in zip(labels, parts, strict=True)]
+    usual = 0.0  # of a short stretch longer ones say it: a jump may have cut off a few samples
+    for label, steps in sorted(apart, key=lambda one: -len(one[1])):
+        usual = max(usual, float(np.median(steps))) if len(steps) > 2 else np.inf
+        if steps.max(initial=0.0) > LARGEST_GAP * usual:
+            raise ValueError(
+                f"Trajectory {label!r} has a gap of {steps.max():g} where samples are usually "
+                f"{usual:g} apart; give the parts before and after it different groups."
+            )
     known = [t for _, t in parts]
     candidates = strengths(method, known, window, degree, cutoff, decimate, may_drop)
     return strongest(candidates, parts, record.quantum, order)

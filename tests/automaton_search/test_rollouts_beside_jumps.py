@@ -45,3 +45,15 @@ def test_free_rollouts_of_unseen_impacts_follow_them():
     given = read_given([{"t": T, "x": y}], None, None, None)
     rolled = judged_on(ball(0.0), given, np.full(2, 0.003))
     assert rolled.left.max() < 3.0  # of the noise; beside impacts speeds are off by a thousand
+
+
+def test_a_rollout_begins_where_two_positions_alone_say():
+    """A ball that is thrown; what its positions say of the speeds is off by half an interval."""
+    thrown = HybridAutomaton.stated(
+        [{"x": "v", "h": "w", "v": "-0.3 v", "w": "-9.81"}],
+        [(0, 0, "h <= 0", {"w": "-0.8 w"})],
+        states=["x", "h", "v", "w"],
+    )
+    y = thrown.simulate([0.0, 1.0, 2.0, 0.5], T, mode=0).x[:, :2]
+    left = left_by_rollout(thrown, Record(T, y, np.zeros((len(T), 0))))
+    assert left.shape == y.shape and np.abs(left).max() < 1e-3  # of 2 m

@@ -199,6 +199,9 @@ def compared(several, one, richer, n_switches=20, told=None, n_rows=200, uneven=
     )
 
 
+SMALL, EXPLAINED = np.full(1, 0.4), {"noise": np.full(1, 0.1), "explains": True}
+
+
 @pytest.mark.parametrize(
     ("comparison", "verdict"),
     [
@@ -213,22 +216,13 @@ def compared(several, one, richer, n_switches=20, told=None, n_rows=200, uneven=
         (compared(0.6, 0.5, 0.1, told=0.1), Verdict.SMOOTH),
         (compared(0.6, 0.5, 0.5, told=0.4), Verdict.ONE_MODE),
         # rollouts of the model of all recordings leave nothing but noise, of 0.1 here
-        (
-            replace(compared(0.6, 0.5, 0.4), noise=np.full(1, 0.1), explains=True),
-            Verdict.UNREPEATED,
-        ),
+        (replace(compared(0.6, 0.5, 0.4), **EXPLAINED), Verdict.UNREPEATED),
+        (replace(compared(0.6, 0.5, 0.4, 4), **EXPLAINED), Verdict.TOO_FEW),
         (replace(compared(0.6, 0.5, 0.4), noise=np.full(1, 0.1)), Verdict.SMOOTH),
         # of a column that rests the mean is as good as anything
-        (
-            replace(compared(0.4, 3.0, 2.0), spread=np.full(1, 0.4), noise=np.full(1, 0.4)),
-            Verdict.SWITCHES,
-        ),
-        (
-            replace(compared(0.4, 3.0, 2.0), spread=np.full(1, 0.4), noise=np.full(1, 0.1)),
-            Verdict.USELESS,
-        ),
-        # so do those of a smooth law
-        (replace(compared(0.6, 0.5, 0.1), noise=np.full(1, 0.1), explains=True), Verdict.SMOOTH),
+        (replace(compared(0.4, 3.0, 2.0), spread=SMALL, noise=SMALL), Verdict.SWITCHES),
+        (replace(compared(0.4, 3.0, 2.0), spread=SMALL, noise=np.full(1, 0.1)), Verdict.USELESS),
+        (replace(compared(0.6, 0.5, 0.1), **EXPLAINED), Verdict.SMOOTH),  # so do a smooth law's
     ],
 )
 def test_each_case_has_its_verdict(comparison, verdict):
@@ -253,7 +247,10 @@ def test_no_switching_is_not_said_of_a_law_that_its_own_rollouts_refute(wrong, w
     judged = SwitchingVerdict(
         compared(0.1, 0.1, 0.08), 1, "auto", ("x",), "linear", 100, True, False, free=free
     )
-    assert words in judged.sentence
+    assert words in judged.sentence and ("lacks (EffectSearchCV)" in judged.sentence) == wrong
+    modes = replace(judged, comparison=compared(0.6, 0.5, 0.4), n_modes=2, switches=True)
+    modes = replace(modes, comparison=replace(modes.comparison, **EXPLAINED))
+    assert ("EffectSearchCV asks what one law lacks" in modes.sentence) == wrong
 
 
 def test_the_gain_is_that_of_blocks_not_of_rows():

@@ -9,7 +9,7 @@ import pytest
 
 from swsysid import load_model
 from swsysid.__main__ import main
-from swsysid._cli import from_recordings
+from swsysid._cli import from_recordings, job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.recorded import Recorded
 from swsysid._cli.settings import RECORDINGS
@@ -128,6 +128,30 @@ def test_a_refusal_of_the_identifier_is_told_and_the_model_is_delivered(
     arguments = [contact[0], "--states", "x", "v", *ROLES, "--output", str(tmp_path)]
     text = text_of(arguments, capsys)
     assert "Identified from derivatives: no." in text and "mode 1 (" in text
+
+
+@pytest.mark.parametrize("switches", [False, True])
+def test_modes_of_derivatives_are_told_in_place_of_one_law_where_they_are_trusted(
+    switches, contact, tmp_path, capsys, monkeypatch
+):
+    """The trajectories are in doubt of a cart with a bumper, and of one without."""
+
+    def in_doubt(*asked):
+        return from_recordings.identify_recordings(*asked)[0], "Identified from derivatives: so."
+
+    monkeypatch.setattr(job, "identify_recordings", in_doubt)
+    path = contact[0]
+    if not switches:
+        recorded = np.loadtxt(path, delimiter=",", skiprows=1)
+        cart = StatedModel(1, [FREE], states=["x", "v"], inputs=["force"])
+        force = recorded[recorded[:, 4] == 0, 3:4]
+        moved = cart.simulate([0.0, 0.0], T, force, input_hold="linear")
+        states = moved.x + NOISE * np.random.default_rng(1).standard_normal(moved.x.shape)
+        path, columns = str(tmp_path / "free.csv"), np.column_stack([T, states, force, 0.0 * T])
+        np.savetxt(path, columns, delimiter=",", header="t,x,v,force,run", comments="")
+    text = text_of([path, "--states", "x", "v", *ROLES, "--output", str(tmp_path / "o")], capsys)
+    assert ("Identified from derivatives: so." in text) == switches
+    assert ("mode 1 (" in text) == switches
 
 
 def test_recorded_rows_and_what_they_tell_of_others():

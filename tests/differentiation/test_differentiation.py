@@ -189,3 +189,13 @@ def test_bad_input_gets_a_sentence(change, sentence):
     given = {"x": wave(EVEN), "t": EVEN} | change
     with pytest.raises(ValueError, match=sentence):
         differentiate(**given)
+
+
+def test_what_a_usual_step_is_a_few_samples_before_a_jump_do_not_say():
+    t = np.r_[0.0, 1e-3, 3e-3, 6e-3, 0.5, np.arange(1.0, 60.0)]  # steps of a solver that begins
+    x, groups = 3.0 + 2.0 * t[:, None], np.repeat([0, 1], [5, 59])
+    _, rates, kept, *_ = differentiate(x, t, groups=groups, too_short="drop")
+    np.testing.assert_allclose(rates, 2.0, rtol=1e-9)
+    assert kept.min() > 0.5
+    with pytest.raises(ValueError, match="gap of 0.494"):  # where nothing else is known
+        differentiate(x[:5], t[:5], too_short="drop")

@@ -32,8 +32,8 @@ MOST_LINES = {
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
-    # where one leaves more than noise
-    "_cli": 4450,
+    # where one leaves more than noise; one law in place of modes that derivatives do not sustain
+    "_cli": 4470,
     # many recordings where they are, each condensed; inputs held, logged late or in levels;
     # features that are no sums of others
     "_data": 2530,
@@ -87,10 +87,12 @@ MOST_LINES = {
     "_stays": 10530,
     # parameters and probabilities of surfaces; refusals
     "_surfaces": 2400,
-    # a reader for each format; several files and clocks; bounds of what files unpack to; dates
-    "_tables": 2630,
-    # laws that are the modes in one, laws judged by what they were made from, short recordings
-    "_verdict": 1880,
+    # a reader for each format; several files and clocks; bounds of what files unpack to; dates;
+    # marks between thousands alone; a garbled line amid two words
+    "_tables": 2650,
+    # laws that are the modes in one, laws judged by what they were made from, short recordings;
+    # what to ask in place of modes
+    "_verdict": 1900,
     # two estimators of recordings, journals of long work, summaries of many recordings
     "top": 4170,
 }

@@ -25,6 +25,7 @@ from swsysid._stays.samples import modes_of
 from swsysid._stays.settings import SETTINGS
 from swsysid._stays.sliding import SlidingLaws, pairs_of, slides_there, with_slides
 from swsysid._stays.stays import Stays
+from swsysid._stays.walk import walk_of
 from swsysid.refinement._trajectories import read_trajectories
 
 FRICTION, RAMP = 0.4, 0.2
@@ -204,6 +205,16 @@ def test_slides_keep_their_modes_when_these_are_renamed():
     assert other.nodes.stays[0].modes.tolist() == [0, 2, 0]
     ends = [ends_of(e.motion, e.nodes, e.states) for e in (estimate, other)]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-14)
+
+
+def test_beside_a_rest_what_moves_the_states_is_no_walk():
+    laws, size = block(), 0.01
+    nodes = Nodes(ramp(301, size), [Stays(np.array([1, 2, 1]), np.array([RESTS, MOVES]))])
+    plain = Laws(laws.coef, laws.features, laws.spread, laws.free)
+    found = walk_of(Estimate(plain, nodes, nodes.y, laws.guards), np.full(2, size), SETTINGS)
+    # of 301 samples; a law that went on in place of a rest would move v by .24, its noise .01
+    np.testing.assert_allclose(found.sensor, size, rtol=0.15)
+    assert (found.walk < 0.1 * size).all()
 
 
 @pytest.mark.parametrize("name", ["contact", "linear oscillator", "tank with overflow"])

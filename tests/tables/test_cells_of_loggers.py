@@ -33,6 +33,21 @@ def test_other_words_are_refused_and_listed(tmp_path):
         found.numbers("u")
 
 
+@pytest.mark.parametrize("mark", [".", ","])
+def test_marks_between_thousands_alone_are_told_by_a_number_that_has_two(tmp_path, mark):
+    cells = [number.replace(".", mark) for number in ("0.000", "101.000", "1.002.000")]
+    found = table(tmp_path, ["t;x", *(f"{cell};{k}" for k, cell in enumerate(cells))])
+    assert found.numbers(["t"])[:, 0].tolist() == [0.0, 101e3, 1002e3]
+    assert column_of(cells[:2], mark)[0].tolist() == [0.0, 101.0]
+    assert column_of([*cells, f"1{mark}5"])[0].dtype == object
+
+
+def test_a_garbled_line_amid_two_words_is_what_is_asked_about(tmp_path):
+    found = table(tmp_path, ["t,u", "0,ON", "1,OFF", "2,60.0\u00b0C", "3,ON"]).spelled(["u"])
+    with pytest.raises(TableError, match="row 4 holds '60.0.C'; if that means a missing"):
+        found.numbers("u")
+
+
 def test_bytes_of_an_archive_are_words(tmp_path):
     np.savez(tmp_path / "log.npz", u=np.array([b"ON", b"OFF", b"ON"]), x=np.arange(3.0))
     found = read_table(tmp_path / "log.npz").spelled("u")
