@@ -15,9 +15,9 @@ from swsysid._discrete_stays.row_search import RowSearch
 from swsysid._discrete_stays.rows import RowFit, of_modes, scale_of
 from swsysid._discrete_stays.states import RANKING_STEPS, with_states
 
-# Residuals below this come from arithmetic, and laws of highest likelihood in all states would only
-# add to it.
-_EXACT = 1e-11
+# Residuals below so many times what is left undecided come from arithmetic, and laws of highest
+# likelihood in all states would only add to it.
+_EXACT = 10.0
 # The disturbance of the states as a share of the noise, smaller and smaller, since wrong modes
 # disturb them too, in two stages; and for modes of averages before the second.
 _STAGES = (1.0, 1.0, 1.0, 0.3, 0.1), (0.03, 0.01, 0.01, 0.01, 0.01, 0.01)
@@ -58,7 +58,7 @@ class StaySearch:
         by_rows = RowSearch(self.part, self.max_modes).fits(n_modes)
         every = [Found(fit, None, fit.history) for fit in by_rows]
         found = _so_many(every, n_modes)
-        if not any(_is_exact(one.fit) for one in found):
+        if not any(self._is_exact(one.fit) for one in found):
             found = _so_many([*every, *self._by_averages(n_modes)], n_modes)
             found = self._hopeful(found, _HOPELESS[0])
             of_rows = [one for one in found if one.states is None]
@@ -71,6 +71,9 @@ class StaySearch:
         candidates = [DiscreteCandidate(len(one.coef), one.cost) for one in found]
         most = self.max_modes if n_modes is None else n_modes
         return Searched(self.data, self._on_all_rows(chosen, most), tuple(candidates))
+
+    def _is_exact(self, fit: RowFit) -> bool:
+        return bool((fit.scale < _EXACT * self.part.problem.floor).all())
 
     def _by_averages(self, n_modes: int | None) -> list[Found]:
         """The best modes of averages of more and more samples, by the states of the samples."""
@@ -186,10 +189,6 @@ def _so_many(found: list[Found], n_modes: int | None) -> list[Found]:
         return found
     most = max(len(one.coef) for one in found if len(one.coef) <= n_modes)
     return [one for one in found if len(one.coef) == most]
-
-
-def _is_exact(fit: RowFit) -> bool:
-    return bool((fit.scale < _EXACT).all())
 
 
 def _best_of_each(found: Iterable[Found]) -> list[Found]:
