@@ -64,10 +64,10 @@ class Averages:
         return cls(DiscreteData.of(averaged, data.feature_map), nearest)
 
     def fits(self, n_modes: int | None, max_modes: int) -> list[RowFit]:
-        """Several modes of these rows, led from a part to all of them."""
+        """One mode or several of these rows, led from a part to all of them."""
         rows = self.data.rows_of_part()
         part = self.data if len(rows) == len(self.data.rows) else self.data.take(rows)
-        fits = [fit for fit in RowSearch(part, max_modes).fits(n_modes) if len(fit.coef) > 1]
+        fits = RowSearch(part, max_modes).fits(n_modes)
         if part is self.data:
             return fits
         again = [alternate(self.data.problem, fit.coef) for fit in fits]
@@ -81,7 +81,8 @@ class Averages:
 def parted_by_averages(data: DiscreteData, modes: Labels, sizes: Sequence[int]) -> Iterator[Labels]:
     """Modes of rows (-1: of none), one of them in two by averages of its stays, in several ways.
 
-    Where a row of averages has no mode, as with a switch in it, the one before goes on.
+    Ways whose averages one law explains as well are none. Where a row of averages has no mode, as
+    with a switch in it, the one before goes on.
     """
     for mode in range(int(modes.max()) + 1):
         rows = np.flatnonzero(modes == mode)
@@ -90,7 +91,11 @@ def parted_by_averages(data: DiscreteData, modes: Labels, sizes: Sequence[int]) 
             averages = Averages.of(part, size) if len(rows) else None
             if averages is None:
                 break
-            for fit in averages.fits(2, 2):
+            fits = averages.fits(2, 2)
+            one = min(fit.cost for fit in fits if len(fit.coef) == 1)
+            for fit in fits:
+                if not fit.cost < one:
+                    continue
                 parts = averages.of_samples(fit.lawful)
                 told = np.maximum.accumulate(np.where(parts >= 0, np.arange(len(parts)), 0))
                 parted = modes.copy()

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
+from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.rows import (
     RowFit,
@@ -34,6 +35,7 @@ class Found:
     fit: RowFit
     states: StateFit | None
     history: tuple[float, ...]
+    everywhere: Labels | None = None  # of all rows, where a part has modes of their averages
 
     @property
     def cost(self) -> float:
@@ -104,12 +106,12 @@ def with_noise(data: DiscreteData, found: Found, ties: Sequence[Array | float]) 
             continue
         states = with_states(data, now.fit, tie, now.states)
         history.append(states.cost)
-        now = Found(now.fit, states, ())
+        now = replace(now, states=states)
         if best.states is None or now.cost < best.cost:
             best = now
         fit, _ = reassigned(data, now.fit, states)
         left = tie if np.array_equal(now.fit.lawful, fit.lawful) else None
-        now = Found(fit, states, ())
+        now = replace(now, fit=fit)
         if states.cost > best.cost + _WORSE * len(data.rows):
             now, left = best, tie
     return replace(best, history=tuple(history))

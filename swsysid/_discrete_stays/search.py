@@ -15,15 +15,15 @@ from swsysid._discrete_stays.row_search import RowSearch
 from swsysid._discrete_stays.rows import RowFit, of_modes, scale_of
 from swsysid._discrete_stays.states import RANKING_STEPS, with_states
 
-# Residuals below this come from arithmetic, and laws of highest likelihood in all states would only
-# add to it.
-_EXACT = 1e-11
+# Residuals below so many times what is left undecided come from arithmetic, and laws of highest
+# likelihood in all states would only add to it.
+_EXACT = 10.0
 # The disturbance of the states as a share of the noise, smaller and smaller, since wrong modes
 # disturb them too, in two stages; and for modes of averages before the second.
 _STAGES = (1.0, 1.0, 1.0, 0.3, 0.1), (0.03, 0.01, 0.01, 0.01, 0.01, 0.01)
 _OF_AVERAGES = 0.3, 0.1
 # Nats a row by which a number of modes is so much worse than the best one that it is not judged any
-# more, before each stage.
+# more, before each stage; the first of rows of averages, too.
 _HOPELESS = 0.5, 0.1
 _SIZES = 3, 6, 12, 24, 48  # of averages
 
@@ -58,7 +58,7 @@ class StaySearch:
         by_rows = RowSearch(self.part, self.max_modes).fits(n_modes)
         every = [Found(fit, None, fit.history) for fit in by_rows]
         found = _so_many(every, n_modes)
-        if not any(_is_exact(one.fit) for one in found):
+        if not any(self._is_exact(one.fit) for one in found):
             found = _so_many([*every, *self._by_averages(n_modes)], n_modes)
             found = self._hopeful(found, _HOPELESS[0])
             of_rows = [one for one in found if one.states is None]
@@ -72,6 +72,9 @@ class StaySearch:
         most = self.max_modes if n_modes is None else n_modes
         return Searched(self.data, self._on_all_rows(chosen, most), tuple(candidates))
 
+    def _is_exact(self, fit: RowFit) -> bool:
+        return bool((fit.scale < _EXACT * self.part.problem.floor).all())
+
     def _by_averages(self, n_modes: int | None) -> list[Found]:
         """The best modes of averages of more and more samples, by the states of the samples."""
         hopeful = self._hopeful(_best_of_each(self._of_averages(n_modes)), _HOPELESS[0])
@@ -80,22 +83,26 @@ class StaySearch:
 
     def _of_averages(self, n_modes: int | None) -> Iterator[Found]:
         """Modes of averages, with laws and states of samples, until stays are too short."""
-        before, hopeless = np.inf, _HOPELESS[0] * len(self.part.rows)
+        best, hopeless = np.inf, _HOPELESS[0] * len(self.part.rows)
         for size in _SIZES:
             averages = Averages.of(self.data, size)
             if averages is None:
                 break
             least = np.inf
-            for fit in averages.fits(n_modes, self.max_modes):
-                modes = averages.of_samples(fit.lawful)[self.of_part]
-                own = of_modes(self.part.problem, modes, len(fit.coef))
+            fits = averages.fits(n_modes, self.max_modes)
+            most = min(fit.cost for fit in fits) + _HOPELESS[0] * len(averages.data.rows)
+            for fit in fits:
+                if len(fit.coef) == 1 or fit.cost > most:
+                    continue
+                modes = averages.of_samples(fit.lawful)
+                own = of_modes(self.part.problem, modes[self.of_part], len(fit.coef))
                 told = with_states(self.part, own, _OF_AVERAGES[0], most_steps=RANKING_STEPS)
-                found = Found(own, told, ())
+                found = Found(own, told, (), modes)
                 least = min(least, found.cost)
                 yield found
-            if least > before + hopeless:
+            if least > best + hopeless:
                 break
-            before = least
+            best = min(best, least)
 
     def _by_states(self, found: list[Found], ties: Sequence[float]) -> list[Found]:
         """Candidates refined with ever less disturbance, the best of each number of modes."""
@@ -115,11 +122,24 @@ class StaySearch:
     def _on_all_rows(self, found: Found, most: int) -> Found:
         """The same with all rows; modes that the part has not visited come in, up to so many."""
         if self.part is not self.data:
-            scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
-            found = followed(self.data, found, found.coef, scale)
+            found = self._led(found)
             found = with_more(self.data, found, most, lambda found: [found.fit.unexplained])
             found = without_twins(self.data, parted_stays(self.data, found, most) or found)
         return self._parted(found, most)
+
+    def _led(self, found: Found) -> Found:
+        """The same on all rows: by its laws, or by its averages, which show modes of all rows.
+
+        A law that few rows of the part tell is none elsewhere, and a mode may be in no row of it.
+        """
+        modes = found.everywhere
+        if modes is None:
+            scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
+            return followed(self.data, found, found.coef, scale)
+        again = Found(of_modes(self.data.problem, modes, modes.max() + 1), None, found.history)
+        assert found.states is not None, "averages are asked where there is noise"
+        ties = [np.maximum(found.states.tie, least) for least in _OF_AVERAGES + _STAGES[1]]
+        return lasting_only(self.data, with_noise(self.data, again, ties))
 
     def _parted(self, found: Found, most: int) -> Found:
         """The same with modes parted by averages, as long as noise drives the states.
@@ -169,10 +189,6 @@ def _so_many(found: list[Found], n_modes: int | None) -> list[Found]:
         return found
     most = max(len(one.coef) for one in found if len(one.coef) <= n_modes)
     return [one for one in found if len(one.coef) == most]
-
-
-def _is_exact(fit: RowFit) -> bool:
-    return bool((fit.scale < _EXACT).all())
 
 
 def _best_of_each(found: Iterable[Found]) -> list[Found]:

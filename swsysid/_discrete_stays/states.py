@@ -130,16 +130,16 @@ class StateProblem:
         self.region = None if data.known is None else data.region(len(free))
         # standard deviations of what the rows leave, (n_rows, n_states)
         self.disturbance = np.where((modes < 0)[:, None], 1.0, tie * noise)
-        # samples side by side, those of a recording in a row
-        lengths = np.zeros(int(rows.recording.max()) + 1, dtype=np.intp)
-        np.maximum.at(lengths, rows.recording, rows.sample + 2)
-        self.offsets = np.concatenate([[0], np.cumsum(lengths)])
-        self.now = self.offsets[rows.recording] + rows.sample
-        self.back = self.now[:, None] - np.arange(-1, rows.lags + 1)  # x[k + 1], x[k], ...
+        # samples of the rows side by side, those of a recording in a row: of a part few are there
+        place = rows.recording * (int(rows.sample.max()) + 2) + rows.sample
+        place = place[:, None] - np.arange(-1, rows.lags + 1)  # x[k + 1], x[k], ...
+        every, back = np.unique(place, return_inverse=True)
+        self.back = back.reshape(place.shape)
+        self.now = self.back[:, 1]
         n_lagged = rows.n_states * (rows.lags + 1)
         self.inputs = rows.columns[:, n_lagged:]
         measured = rows.columns[:, :n_lagged].reshape(len(rows), rows.lags + 1, rows.n_states)
-        self.y = np.zeros((self.offsets[-1], rows.n_states))
+        self.y = np.zeros((len(every), rows.n_states))
         self.y[self.back[:, 1:]] = measured / data.target_unit
         self.y[self.now + 1] = rows.targets / data.target_unit
 
@@ -197,7 +197,7 @@ class StateProblem:
     def _of_laws(self, slopes: Array, left: Array, features: Array) -> tuple[Array, Array, Array]:
         """What the free coefficients have in common with the states and with each other."""
         n, n_free = self.y.shape[1], int(self.columns_of_coef.max()) + 1
-        border = np.zeros((self.y.size, n_free))
+        border = np.zeros((n_free, self.y.size)).T
         corner, right = np.zeros((n_free, n_free)), np.zeros(n_free)
         for mode, columns in enumerate(self.columns_of_coef):
             own = np.flatnonzero(self.modes == mode)

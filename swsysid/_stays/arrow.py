@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 
 from swsysid._known.program import Steps
 from swsysid._results import Array
@@ -65,11 +66,11 @@ class Arrow:
         The diagonal of S grows by a share of its own, and by what it has at least. Where z must be
         `within` some steps, a solution is the least of the quadratic form among these.
         """
-        (band, reached, _), schur = self._eliminated, self.schur.copy()
+        band, schur = self._eliminated[0], self.schur.copy()
         more = damping * np.maximum(np.diag(schur), 0.0) + least
         schur[np.diag_indices_from(schur)] += more
         corner = Corner(schur) if within is None else CornerWithin(schur, within)
-        return Factor(band, self.border, reached, corner, more)
+        return Factor(band, self.border, corner, more)
 
     @property
     def schur(self) -> Array:
@@ -79,7 +80,8 @@ class Arrow:
     def pull(self, right: Array) -> Array:
         """What a right side says of the corner once the band is eliminated."""
         b, d = np.split(right, [len(self.border)])
-        return np.asarray(d - self._eliminated[1].T @ b)
+        band, half, _ = self._eliminated
+        return np.asarray(d - half.T @ _forward(band, b))
 
     @property
     def log_det_of_band(self) -> float:
@@ -88,10 +90,13 @@ class Arrow:
 
     @cached_property
     def _eliminated(self) -> tuple[Array, Array, Array]:
-        """Lower factor of B, B^-1 E, and S."""
+        """Lower factor L of B, L^-1 E, and S.
+
+        Of a border that stands in memory column after column that takes a fourth of B^-1 E.
+        """
         band = cholesky_banded(self.band, lower=True, check_finite=False)
-        reached = cho_solve_banded((band, True), self.border, check_finite=False)
-        return band, reached, self.corner - self.border.T @ reached
+        half = _forward(band, self.border)
+        return band, half, self.corner - half.T @ half
 
 
 @dataclass(frozen=True)
@@ -100,21 +105,19 @@ class Factor:
 
     band: Array  # lower factor of B
     border: Array
-    reached: Array  # B^-1 E
     corner: Corner  # S
     more: Array  # what was added to the diagonal of S
 
     def solve(self, right: Array) -> Array:
         """The solution of one system."""
         b, d = np.split(right, [len(self.border)])
-        x = cho_solve_banded((self.band, True), b, check_finite=False)
-        z = self.corner.solve(d - self.border.T @ x)
-        return np.append(x - self.reached @ z, z)
+        z = self.corner.solve(d - self.border.T @ self._over(b))
+        return np.append(self._over(b - self.border @ z), z)
 
     def held_back(self, right: Array, z: Array) -> Array:
         """What pulls at the corner z of a solution: zero but where it must be within steps."""
         b, d = np.split(right, [len(self.border)])
-        return np.asarray(d - self.reached.T @ b - self.corner.matrix @ z)
+        return np.asarray(d - self.border.T @ self._over(b) - self.corner.matrix @ z)
 
     def checked(self) -> Factor:
         """The same; LinAlgError where the matrix is not positive within the steps of its corner."""
@@ -132,7 +135,7 @@ class Factor:
         Each has entries `own` (n_vectors, n_own) at `places` of the band, which follow each other
         within its width, and `shared` (n_vectors, n_corner) in the corner.
         """
-        left = shared - np.einsum("vi,vic->vc", own, self.reached[places])
+        left = shared - np.einsum("vi,vic->vc", own, self._over(self.border)[places])
         forms = (left * self.corner.over(left.T).T).sum(axis=1)
         of_place: dict[int, list[int]] = {}
         for number, place in enumerate(places[:, 0].tolist()):
@@ -149,6 +152,17 @@ class Factor:
             for number in of_place.get(place, ()):
                 forms[number] += own[number] @ near[:size, :size] @ own[number]
         return np.asarray(forms)
+
+    def _over(self, right: Array) -> Array:
+        """B^-1 times a vector or a matrix."""
+        return np.asarray(cho_solve_banded((self.band, True), right, check_finite=False))
+
+
+def _forward(band: Array, right: Array) -> Array:
+    """L^-1 times a vector or a matrix; L in lower banded form."""
+    if not right.size:  # which LAPACK does not take
+        return right
+    return np.asarray(dtbtrs(band, right, uplo="L")[0]).reshape(right.shape)
 
 
 class Corner:

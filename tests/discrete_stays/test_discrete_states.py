@@ -1,5 +1,6 @@
 """Laws and states of highest likelihood, and the modes that go with them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -96,6 +97,20 @@ def test_the_step_is_that_of_the_dense_equations():
     step, promised = equations.step(0.0)
     np.testing.assert_allclose(step, dense, rtol=1e-4, atol=1e-7)
     assert promised == pytest.approx(0.5 * dense @ equations.right, rel=1e-4)
+
+
+def test_a_part_has_the_states_of_its_rows_alone():
+    planted = switched_arx(3, 2, 1, n_states=2, n_recordings=1, n=300, noise=0.02)
+    data, fit = with_true_modes(planted, 1, 1)
+    kept = np.concatenate([np.arange(40, 90), np.arange(200, 250)])
+    part, fit = data.take(kept), fit.take(kept)
+    recording, sample = np.repeat([0, 1], 50), np.tile(np.arange(1, 51), 2)
+    alone = replace(part, rows=replace(part.rows, recording=recording, sample=sample))
+    found, other = with_states(part, fit, 0.1), with_states(alone, fit, 0.1)
+    # a row sees three samples: those of a piece are two more than its rows
+    assert len(found.states) == len(other.states) == 2 * (50 + 2)
+    np.testing.assert_allclose(found.coef, other.coef, rtol=1e-9)  # rounding
+    assert found.cost == pytest.approx(other.cost, rel=1e-9)
 
 
 def test_noise_in_the_features_no_longer_biases_the_laws():

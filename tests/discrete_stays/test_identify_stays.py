@@ -281,3 +281,18 @@ def test_numbers_that_are_none_are_refused(arguments, message):
     planted = switched_arx(8, 2, 0, n_recordings=1, n=50)
     with pytest.raises(ValueError, match=message):
         identify_stays(planted.recordings, **arguments)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12, 5e-12])
+def test_a_term_that_laws_lack_by_next_to_nothing_is_no_mode(size):
+    """A heater with thresholds, and a small force that no affine law has."""
+    x, up, states, modes = 2.3, True, [], []
+    for _ in range(1200):
+        up = x < 4.0 if up else x < 1.0
+        states.append(x)
+        modes.append(up)
+        x = (0.98 * x + 0.1 if up else 0.97 * x) + size * np.sin(3.0 * x)
+    record = Record(np.arange(1200.0), np.array(states)[:, None], np.empty((1200, 0)))
+    found = identify_stays([record], 0, library=1)
+    assert len(found.coef) == 2
+    assert np.array_equal(found.modes == found.modes[0], np.array(modes[:-1]) == modes[0])

@@ -42,7 +42,7 @@ MOST_LINES = {
     # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it;
     # modes of averages where noise hides a step, one law in the place of two; what a guard that has
     # not risen says of states
-    "_discrete_stays": 2990,
+    "_discrete_stays": 3010,
     # a plane of the columns that decide the mode
     "_displays": 1610,
     # formulas of models with effects; what is known beside effects
