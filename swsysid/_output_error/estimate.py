@@ -253,16 +253,18 @@ def _reached(
     """With nodes that are tied ever more tightly.
 
     What sticks forgets where it came from: of a law that breaks no step of all nodes closes what
-    loose ties leave between them, and the last ties begin with rollouts where these miss less.
+    loose ties leave between them, and the last ties begin with rollouts where these miss less. What
+    begins near is tied at once: let go it would have to be rolled out again.
     """
     settings = STAYS.roughly()
     looser = settings.ties[-2:-1] if near else settings.ties[:-1]
     last = _tie(estimate, disturbance)
     with np.errstate(all="ignore"):  # a trial step that diverges is not taken
-        if law.breaks:
+        if law.breaks and not near:
             estimate = most_likely(estimate, noise, replace(settings, ties=looser)).estimate
             starts = estimate, _flown(estimate)
-            estimate, looser = min(starts, key=Objective(noise, last).value), ()
+            estimate = min(starts, key=Objective(noise, last).value)
+        looser = () if law.breaks else looser
         return most_likely(estimate, noise, replace(settings, ties=(*looser, (last, most))))
 
 
