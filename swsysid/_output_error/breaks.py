@@ -12,10 +12,10 @@ the level the state sticks to it: its own velocity is zero there, and the others
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swsysid._results import Array
 from swsysid._stays.laws import Laws, Modes, Shape, chained
@@ -26,6 +26,8 @@ from swsysid._stays.nodes import Rows
 _TURNS_OF_BREAKS = 2
 _TURNS_OF_ROOTS = 12
 _STEEPEST = 20.0
+# of a step: what passes and sticks may be let go, and what goes may come back
+_MOST_EVENTS = 3
 
 
 # states, and if they are asked for, derivatives by those before and by coefficients
@@ -49,30 +51,53 @@ class BreakingLaws(Laws):
     breaks: tuple[Break, ...] = ()
 
     def step(self, modes: Modes, x: Array, u: Array, after: Array, duration: Array) -> Array:
-        return self._flow(Steps(x, u, after, duration), varied=False)[0]
+        steps = Steps(x, u, after, duration)
+        return self._flow(self._sides(x), steps, varied=False)[0]
 
     def flow(
         self, mode: int, x: Array, u: Array, after: Array, duration: Array
     ) -> tuple[Array, Array, Array]:
-        ends, by_state, by_law = self._flow(Steps(x, u, after, duration), varied=True)
+        steps = Steps(x, u, after, duration)
+        ends, by_state, by_law = self._flow(self._sides(x), steps, varied=True)
         return ends, by_state, by_law
 
-    def _flow(self, steps: Steps, varied: bool) -> Flow:
-        columns = [np.where(steps.x[:, state] > level, 1.0, -1.0) for state, level in self.breaks]
-        sides = np.column_stack(columns)
+    def _sides(self, x: Array) -> Array:
+        columns = [np.where(x[:, state] > level, 1.0, -1.0) for state, level in self.breaks]
+        return np.column_stack(columns)
+
+    def _flow(self, sides: Array, steps: Steps, varied: bool, events: int = _MOST_EVENTS) -> Flow:
+        """Flow of rows that begin on some sides, with so many events in a step."""
         flow = self.on(sides, steps, varied)
         parted = np.zeros(len(sides), dtype=bool)
-        for number, (state, level) in enumerate(self.breaks):
-            beyond = (flow[0][:, state] - level) * sides[:, number] < 0.0
-            rows = np.flatnonzero(beyond & ~parted)
+        for number in range(len(self.breaks) if events else 0):
+            rows, shares = self._passing(number, sides, steps, flow[0])
+            rows, shares = rows[~parted[rows]], shares[~parted[rows]]
             if rows.size:
                 parted[rows] = True
-                _put(
-                    flow,
-                    rows,
-                    self._through(number, sides[rows], steps.some(rows), flow[0][rows], varied),
-                )
+                some = steps.some(rows)
+                own = self._through(number, sides[rows], some, shares, varied, events - 1)
+                _put(flow, rows, own)
         return flow
+
+    def _passing(self, number: int, sides: Array, steps: Steps, ends: Array) -> tuple[Rows, Array]:
+        """Rows that pass a break, and in which share of their step; `ends` are without it.
+
+        A step may begin at the level, or pass it at once, and end before it, driven there by an
+        input that goes on: what was at rest would leave without having been held.
+        """
+        state, level = self.breaks[number]
+        x, u, after, duration = steps
+        side, before, behind = sides[:, number], x[:, state] - level, ends[:, state] - level
+        beyond = behind * side < 0.0
+        rows = np.flatnonzero(beyond | (np.abs(before) <= np.abs(behind - before)))
+        rates = self._rates((sides[rows], x[rows], u[rows]), (sides[rows], ends[rows], after[rows]))
+        first, last = (duration[rows] * one[:, state] for one in rates)
+        side, before, behind, beyond = side[rows], before[rows], behind[rows], beyond[rows]
+        share = _root(side, before, behind, first, last)
+        dips = ~beyond & (first * side < 0.0)
+        share[dips] = np.clip(_ratio(-before, first)[dips], 0.0, 1.0)
+        some = beyond | dips
+        return rows[some], share[some]
 
     def on(self, sides: Array, steps: Steps, varied: bool) -> Flow:
         """Flow of the law as it is on some sides."""
@@ -88,15 +113,11 @@ class BreakingLaws(Laws):
         rates = self.velocities(np.zeros(len(x), dtype=np.intp), x, np.hstack([u, sides]))
         return np.split(rates, len(rows))
 
-    def _through(self, number: int, sides: Array, steps: Steps, ends: Array, varied: bool) -> Flow:
-        """Flow of rows that pass a break; `ends` is where they would be without it."""
+    def _through(
+        self, number: int, sides: Array, steps: Steps, share: Array, varied: bool, events: int
+    ) -> Flow:
+        """Flow of rows that pass a break, in about some share of their steps."""
         (state, level), (x, u, after, duration) = self.breaks[number], steps
-        rates = self._rates((sides, x, u), (sides, ends, after))
-        share = _root(
-            x[:, state] - level,
-            ends[:, state] - level,
-            *(duration * one[:, state] for one in rates),
-        )
         beyond = sides.copy()
         beyond[:, number] *= -1.0
         for turn in range(_TURNS_OF_BREAKS):
@@ -111,22 +132,54 @@ class BreakingLaws(Laws):
         before, behind = self._rates((sides, at, middle), (beyond, at, middle))
         sticks = behind[:, state] * beyond[:, number] <= 0.0
         behind[sticks, state] = 0.0
-        rest = Steps(at, middle, after, (1.0 - share) * duration)
-        last, *further = self._holding(number, sticks).on(beyond, rest, varied)
-        if not varied:
-            return (last,)
         jump = _ratio(behind - before, before[:, [state]]).T
-        by_state, by_law = (one + one[:, [state]] * jump for one in by)
-        by_at, added = further
-        by_at[state][:, sticks] = 0.0
-        return last, chained(by_state, by_at), chained(by_law, by_at) + added
+        there = at, *(one + one[:, [state]] * jump for one in by)
+        rest = Steps(at, middle, after, (1.0 - share) * duration)
+        onward = tuple(np.empty_like(one) for one in there)
+        for rows, own, further in (
+            (np.flatnonzero(~sticks), beyond, self._flow),
+            (np.flatnonzero(sticks), sides, partial(self._until_let_go, number)),
+        ):
+            if rows.size:
+                _put(onward, rows, further(own[rows], rest.some(rows), varied, events))
+        return _joined(there, onward)
 
-    def _holding(self, number: int, sticks: NDArray[np.bool_]) -> BreakingLaws:
-        """The same while some rows stick to a level: their own rate is zero, the others go on."""
-        if not sticks.any():
-            return self
-        held = Shape(self.breaks[number].state, _stopped, (sticks,))
-        return replace(self, shapes=(*self.shapes, held))
+    def _until_let_go(
+        self, number: int, sides: Array, steps: Steps, varied: bool, events: int
+    ) -> Flow:
+        """Flow of rows that stick, until a law leads away within their step.
+
+        They leave with a velocity of zero, so that by when they do nothing changes at once.
+        """
+        state, (x, u, after, duration) = self.breaks[number].state, steps
+        flow = self._held(number, sides, steps, varied)
+        beyond = sides.copy()
+        beyond[:, number] *= -1.0
+        places = (x, u), (flow[0], after)
+        rates = self._rates(*((own, *place) for place in places for own in (sides, beyond)))
+        away = sides[:, number] * np.column_stack([one[:, state] for one in rates]).T
+        back = away[2] > 0.0
+        rows = np.flatnonzero(back | (away[3] < 0.0))
+        if not rows.size:
+            return flow
+        first, last = (np.where(back, *pair)[rows] for pair in (away[:2], away[2:]))
+        share = np.clip(_ratio(first, first - last), 0.0, 1.0)
+        _, u, after, duration = steps.some(rows)
+        middle = u + share[:, None] * (after - u)
+        goes = np.where(back[:, None], sides, beyond)[rows]
+        held = self._held(number, goes, Steps(x[rows], u, middle, share * duration), varied)
+        later = Steps(held[0], middle, after, (1.0 - share) * duration)
+        _put(flow, rows, _joined(held, self._flow(goes, later, varied, events)))
+        return flow
+
+    def _held(self, number: int, sides: Array, steps: Steps, varied: bool) -> Flow:
+        """Flow while rows stick to a level: their own rate is zero, the others go on."""
+        state = self.breaks[number].state
+        stopped = replace(self, shapes=(*self.shapes, Shape(state, _stopped, ())))
+        flow = stopped.on(sides, steps, varied)
+        for by_state in flow[1:2]:
+            by_state[state] = 0.0
+        return flow
 
 
 class Steps(NamedTuple):
@@ -149,9 +202,19 @@ def _put(flow: Flow, rows: Rows, own: Flow) -> None:
         whole[:, :, rows] = part
 
 
-def _root(before: Array, after: Array, slope_before: Array, slope_after: Array) -> Array:
-    """Where in a step a cubic with these values and slopes at its ends passes zero."""
-    share = before / (before - after)
+def _joined(first: Flow, second: Flow) -> Flow:
+    """One flow after another."""
+    if len(first) == 1:
+        return (second[0],)
+    (_, by_state, by_law), (ends, by_at, added) = first, second
+    return ends, chained(by_state, by_at), chained(by_law, by_at) + added
+
+
+def _root(
+    side: Array, before: Array, after: Array, slope_before: Array, slope_after: Array
+) -> Array:
+    """Where in a step a cubic with these values and slopes at its ends leaves a side of zero."""
+    share = np.full_like(before, 0.5)
     low, high = np.zeros_like(share), np.ones_like(share)
     for _ in range(_TURNS_OF_ROOTS):
         s = share
@@ -159,15 +222,15 @@ def _root(before: Array, after: Array, slope_before: Array, slope_after: Array) 
             before * (1.0 + 2.0 * s) * (1.0 - s) ** 2 + slope_before * s * (1.0 - s) ** 2
             + after * s**2 * (3.0 - 2.0 * s) + slope_after * s**2 * (s - 1.0)
         )  # fmt: skip
-        same = value * before > 0.0
+        same = value * side > 0.0
         low, high = np.where(same, s, low), np.where(same, high, s)
         share = 0.5 * (low + high)
     return share
 
 
-def _stopped(rates: Array, states: Array, sticks: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Rates of a state, zero of rows that stick, and their slopes by what they would be."""
-    return np.where(sticks, 0.0, rates), np.where(sticks, 0.0, 1.0)
+def _stopped(rates: Array, states: Array) -> tuple[Array, Array]:
+    """Rates of a state that sticks, and their slopes by what they would be."""
+    return np.zeros_like(rates), np.zeros_like(rates)
 
 
 def _ratio(over: Array, under: Array) -> Array:

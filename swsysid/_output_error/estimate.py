@@ -26,9 +26,10 @@ from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid._stays.descent import Reached, most_likely
-from swsysid._stays.lifted import Estimate
+from swsysid._stays.lifted import Estimate, Objective
 from swsysid._stays.nodes import Nodes
 from swsysid._stays.output_error import KnownLaws, OutputError, Rollouts
+from swsysid._stays.rollouts import rolled_out as runs_of
 from swsysid._stays.settings import SETTINGS as STAYS
 
 # The noise has settled where the logarithms of its changes differ by so little from state to state,
@@ -151,7 +152,7 @@ def fitted(
         noise = 0.3 * spread
     for turn in range(turns):
         is_near = start is not None or turn > 0
-        reached = _reached(estimate, noise, stretches.disturbance, is_near, most)
+        reached = _reached(law, estimate, noise, stretches.disturbance, is_near, most)
         left = _left(reached, n_measured)
         shares = np.sqrt(np.nanmean(np.square(left), axis=0)) / spread[:n_measured]
         # a speed is disturbed by as large a share of its spread as its position
@@ -223,7 +224,7 @@ def _freely(fit: Fitted, stretches: Stretches) -> Rollouts | None:
 def _fixed(fit: Fitted, stretches: Stretches, start: Courses | None) -> Reached:
     estimate, _ = _begun(fit.law, stretches, start)
     fixed = replace(estimate, laws=estimate.laws.known())
-    return _reached(fixed, fit.noise, stretches.disturbance, near=start is not None)
+    return _reached(fit.law, fixed, fit.noise, stretches.disturbance, near=start is not None)
 
 
 def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estimate, Array]:
@@ -242,14 +243,37 @@ def _begun(law: Law, stretches: Stretches, start: Courses | None) -> tuple[Estim
 
 
 def _reached(
-    estimate: Estimate, noise: Array, disturbance: float, near: bool, most: int = STAYS.ties[-1][1]
+    law: Law,
+    estimate: Estimate,
+    noise: Array,
+    disturbance: float,
+    near: bool,
+    most: int = STAYS.ties[-1][1],
 ) -> Reached:
-    """With nodes that are tied ever more tightly."""
+    """With nodes that are tied ever more tightly.
+
+    What sticks forgets where it came from: of a law that breaks no step of all nodes closes what
+    loose ties leave between them, and the last ties begin with rollouts where these miss less. What
+    begins near is tied at once: let go it would have to be rolled out again.
+    """
     settings = STAYS.roughly()
     looser = settings.ties[-2:-1] if near else settings.ties[:-1]
-    ties = (*looser, (_tie(estimate, disturbance), most))
+    last = _tie(estimate, disturbance)
     with np.errstate(all="ignore"):  # a trial step that diverges is not taken
-        return most_likely(estimate, noise, replace(settings, ties=ties))
+        if law.breaks and not near:
+            estimate = most_likely(estimate, noise, replace(settings, ties=looser)).estimate
+            starts = estimate, _flown(estimate)
+            estimate = min(starts, key=Objective(noise, last).value)
+        looser = () if law.breaks else looser
+        return most_likely(estimate, noise, replace(settings, ties=(*looser, (last, most))))
+
+
+def _flown(estimate: Estimate) -> Estimate:
+    """The same with the states of free rollouts from its starts."""
+    laws, guards, _ = KnownLaws(estimate.laws).parts(np.zeros(0))
+    nodes = estimate.nodes
+    runs = runs_of(laws, guards, nodes.recordings, estimate.states[nodes.first])
+    return replace(estimate, states=np.concatenate([run.states for run in runs]))
 
 
 def _tie(estimate: Estimate, share: float) -> float:

@@ -24,6 +24,7 @@ from swsysid._output_error.engines import (
 )
 from swsysid._output_error.estimate import Fit, cost
 from swsysid._output_error.law import Law
+from swsysid._output_error.likeness import names_for
 from swsysid._output_error.scan import Candidate, of_sensors, shortlist
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
@@ -127,7 +128,9 @@ class Search:
         except LinAlgError:  # no step from here says anything
             return []
         listed = [*shortlist(now.law, scores, corrected, self.candidates), *asked]
-        for fit in self.values.tried(now.fit, listed, self.effects, self.linear):
+        tried = partial(self.values.tried, now.fit, effects=self.effects, linear=self.linear)
+        fits = [*tried(listed)]
+        for fit in [*fits, *tried(names_for(fits, self.candidates, self.stretches))]:
             own = fit.law.terms[-1]
             # beside a channel's own term it always fits better: whether surely, is asked later
             key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))

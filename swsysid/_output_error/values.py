@@ -72,8 +72,8 @@ class Values:
     def beside(self, fit: Fit, more: PlacedEffect) -> Iterator[Fit]:
         """A law with one effect more, and with one that acts ever more often."""
         law = fit.law.beside([more])
-        # from rollouts without a jump those with it are not reached
-        near = self.courses(fit) if law.breaks == fit.law.breaks else None
+        # from rollouts of a law that sticks those of another one are not reached
+        near = None if law.breaks else self.courses(fit)
         found = self.engine.fitted(law, self.stretches, near, fit.noise, 2, _TURNS_OF_A_LOOK)
         if isinstance(more.effect, RateEffect):
             found = self.followed(found)

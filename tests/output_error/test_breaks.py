@@ -86,3 +86,32 @@ def test_a_step_is_the_law_integrated_finely():
         fine[:, 1] = np.where(after * fine[:, 1] < 0.0, 0.0, after)
     ends = laws.step(np.zeros(60, dtype=int), x, u, u, np.full(60, 0.1))
     np.testing.assert_allclose(ends, fine, atol=2e-4)  # of the fine steps, 5e-6 each
+
+
+@pytest.mark.parametrize("start", [0.0, 1e-9, -1e-9, 0.05, -0.05])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_what_a_growing_drive_lets_go_within_a_step_begins_when_it_is_stronger(start, sign):
+    """u goes from 0 to 3 sign in a second: what rests leaves at 1/3, friction being 1.
+
+    Before that friction has stopped a velocity: of 0.05 with u = 3 s: v' = 3 s -+ 1 is zero at s.
+    Behind it v = 1.5 (s - 1/3)^2.
+    """
+    at, after = np.zeros((1, 1)), np.full((1, 1), 3.0 * sign)
+    end, by_state, by_law = velocity().flow(0, np.array([[start]]), at, after, np.array([1.0]))
+    assert end[0, 0] == pytest.approx(sign * 1.5 * (2.0 / 3.0) ** 2, abs=1e-9)
+    assert by_state[0, 0, 0] == pytest.approx(0.0, abs=1e-9)
+    # c u - f sign from s = f / (3 c) on: by c and by f
+    np.testing.assert_allclose(by_law[:, 0, 0], sign * np.array([4.0 / 3.0, -2.0 / 3.0]), atol=1e-9)
+
+
+def test_a_rest_under_a_drive_that_goes_on_has_slopes_on_both_sides():
+    """An infinitesimal velocity changes nothing, whether it is for or against the drive."""
+    rng, laws = np.random.default_rng(2), mass()
+    x = np.column_stack([rng.normal(size=300) * 0.3, np.zeros(300)])
+    u, after = rng.normal(size=(2, 300, 1))
+    duration = np.full(300, 0.1)
+    middle, *_ = laws.flow(0, x, u, after, duration)
+    assert 50 < np.count_nonzero(middle[:, 1]) < 250  # that leave, some of them after a while
+    for move in (1e-9, -1e-9):
+        ends, *_ = laws.flow(0, x + [0.0, move], u, after, duration)
+        np.testing.assert_allclose(ends, middle, atol=1e-6)
