@@ -6,7 +6,8 @@ An interval in which the state passes its level is parted there. With the veloci
 .. math:: \delta x^+ = \Big(I + \frac{(f^+ - f^-) e^\top}{e^\top f^-}\Big) \delta x^- ,
 
 so that where an interval leads is continuous in its node and has slopes. Where both laws lead to
-the level the state sticks to it: its own velocity is zero there, and the others go on.
+the level the state sticks to it: its own velocity is zero there, and the others go on, until a law
+leads away. An interval may have several such events, one after the other.
 """
 
 from __future__ import annotations
@@ -157,12 +158,13 @@ class BreakingLaws(Laws):
         beyond[:, number] *= -1.0
         places = (x, u), (flow[0], after)
         rates = self._rates(*((own, *place) for place in places for own in (sides, beyond)))
-        away = sides[:, number] * np.column_stack([one[:, state] for one in rates]).T
+        away = [sides[:, number] * one[:, state] for one in rates]
         back = away[2] > 0.0
         rows = np.flatnonzero(back | (away[3] < 0.0))
         if not rows.size:
             return flow
-        first, last = (np.where(back, *pair)[rows] for pair in (away[:2], away[2:]))
+        first = np.where(back, away[0], away[1])[rows]
+        last = np.where(back, away[2], away[3])[rows]
         share = np.clip(_ratio(first, first - last), 0.0, 1.0)
         _, u, after, duration = steps.some(rows)
         middle = u + share[:, None] * (after - u)
