@@ -181,14 +181,15 @@ class Model:
         """True of a function of any shape as the last effect."""
         return isinstance(self.law.terms[-1].effect, UnknownFunction)
 
-    def loss(self, count: float) -> float:
-        """Minus the log likelihood of all stretches as so many samples, with its price."""
-        return count * len(self.fit.errors) * cost(self.fit) + price(self.law.n_parameters, count)
+
+def loss(fit: Fit, count: float) -> float:
+    """Minus the log likelihood of all stretches as so many samples, with its price."""
+    return count * len(fit.errors) * cost(fit) + price(fit.law.n_parameters, count)
 
 
 def as_likely(models: Sequence[Model], count: float, significance: float) -> list[Model]:
     """Those that so many independent samples do not surely speak against beside the likeliest."""
-    losses = [one.loss(count) for one in models]
+    losses = [loss(one.fit, count) for one in models]
     most = min(losses) - np.log(significance)
     return [one for one, loss in zip(models, losses, strict=True) if loss <= most]
 

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from swsysid._output_error.estimate import Fit, cost
+from swsysid._output_error.engines import loss
+from swsysid._output_error.estimate import Fit
 from swsysid._output_error.law import remembers
 from swsysid._output_error.scan import Candidate
-from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
 from swsysid.effects import PlacedEffect, UnknownFunction
@@ -24,15 +24,17 @@ _N_NAMES = 2  # of other kinds, that a function looks most like
 
 
 def names_for(
-    fits: Sequence[Fit], listed: Sequence[Candidate], stretches: Stretches
+    fits: Sequence[Fit], listed: Sequence[Candidate], stretches: Stretches, count: float
 ) -> list[PlacedEffect]:
-    """Named effects that look most like those functions which explain more than any name."""
-    named = [fit for fit in fits if not _is_nameless(fit)]
-    least = min(map(cost, named), default=np.inf) - 0.5 * SETTINGS.worthwhile
+    """Named effects that look most like those functions which are likelier than any name.
+
+    So many independent samples pay for their parameters.
+    """
+    least = min((loss(fit, count) for fit in fits if not _is_nameless(fit)), default=np.inf)
     found = [
         one
         for fit in fits
-        if _is_nameless(fit) and cost(fit) < least
+        if _is_nameless(fit) and loss(fit, count) < least
         for one in _most_alike(fit, listed, stretches)
     ]
     return list({(*one.signature, one.theta): one for one in found}.values())

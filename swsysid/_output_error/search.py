@@ -130,7 +130,8 @@ class Search:
         listed = [*shortlist(now.law, scores, corrected, self.candidates), *asked]
         tried = partial(self.values.tried, now.fit, effects=self.effects, linear=self.linear)
         fits = [*tried(listed)]
-        for fit in [*fits, *tried(names_for(fits, self.candidates, self.stretches))]:
+        count = self.gain(now, now).count
+        for fit in [*fits, *tried(names_for(fits, self.candidates, self.stretches, count))]:
             own = fit.law.terms[-1]
             # beside a channel's own term it always fits better: whether surely, is asked later
             key = (*self._key(own), own.replaced, len(own.theta), len(own.effect.terms))

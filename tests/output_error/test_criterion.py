@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from swsysid._output_error.criterion import Left, fall
-from swsysid._output_error.engines import Model, as_likely
+from swsysid._output_error.engines import Model, as_likely, loss
 
 
 def left(samples):
@@ -61,8 +61,8 @@ def test_of_two_that_predict_alike_all_samples_may_surely_tell():
 
     count = 20.0
     limit, lag, nearly = model(1.0, 1), model(np.exp(-0.5), 2), model(np.exp(-0.4), 1)
-    assert limit.loss(count) - lag.loss(count) == pytest.approx(10.0 - 0.5 * np.log(20.0))
-    assert nearly.loss(count) - lag.loss(count) == pytest.approx(2.0 - 0.5 * np.log(20.0))
+    lost = [loss(one.fit, count) - loss(lag.fit, count) for one in (limit, nearly)]
+    assert lost == pytest.approx([10.0 - 0.5 * np.log(20.0), 2.0 - 0.5 * np.log(20.0)])
     # log(100) is 4.6: the simpler law with the larger error is surely less likely
     assert as_likely([limit, lag, nearly], count, 0.01) == [lag, nearly]
     assert as_likely([limit, lag, nearly], count, 1e-4) == [limit, lag, nearly]

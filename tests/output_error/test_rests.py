@@ -78,7 +78,7 @@ def test_a_function_without_a_name_is_asked_which_name_it_looks_like():
         if one.placed.effect.kind in ("unknown_function", "polynomial")
         and one.placed.place in (0, (0,), (0, 0))
     ]
-    first, *others = names_for(fits, listed, stretches)
+    first, *others = names_for(fits, listed, stretches, 100.0)
     assert (first.effect.kind, first.place) == ("overflow", 0)
     assert first.theta[0] == pytest.approx(0.2, abs=0.05)  # the next values of the scan
     assert all(one.place == 0 and one.effect.kind != "polynomial" for one in others)
@@ -86,4 +86,4 @@ def test_a_function_without_a_name_is_asked_which_name_it_looks_like():
     assert least.law.terms[-1].effect.kind == "unknown_function"
     # nothing looks like a name where a name explains as much
     named = fitted(declared().beside([replace(first, theta=(0.2,))]), stretches)
-    assert names_for([*fits, named], listed, stretches) == []
+    assert names_for([*fits, named], listed, stretches, 100.0) == []
