@@ -26,8 +26,8 @@ fitted model.
 
 In reading order: `stretches` are the parts of recordings that are compared with a law, `law` the
 declared law with effects in it, `estimate` its coefficients, `scan` the score test over candidates,
-`likeness` names for functions that have none, `breaks` what a law does where an effect jumps, `criterion` the comparison of two models, `engines`
-what a search asks of either, the folds of the comparison and the regression of a quantity, `values`
-the nonlinear parameters of effects, `search` one round, `rounds` where they begin and end.
-`settings` has the numbers.
+`likeness` names for functions that have none, `breaks` what a law does where an effect jumps,
+`criterion` the comparison of two models, `engines` what a search asks of either, the folds of the
+comparison and the regression of a quantity, `values` the nonlinear parameters of effects, `search`
+one round, `rounds` where they begin and end. `settings` has the numbers.
 """

@@ -1,4 +1,4 @@
-"""A mass that friction holds most of the time, moved by steps of an input that is logged as lines."""
+"""A mass that friction holds most of the time, moved by steps of an input that is on lines."""
 
 from dataclasses import replace
 
