@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._discrete_stays.data import DiscreteData
-from swsysid._discrete_stays.lagged import Labels
 from swsysid._discrete_stays.modes import reassigned
 from swsysid._discrete_stays.rows import (
     RowFit,
@@ -35,7 +34,6 @@ class Found:
     fit: RowFit
     states: StateFit | None
     history: tuple[float, ...]
-    everywhere: Labels | None = None  # of all rows, where a part has modes of their averages
 
     @property
     def cost(self) -> float:

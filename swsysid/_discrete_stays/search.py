@@ -23,7 +23,7 @@ _EXACT = 10.0
 _STAGES = (1.0, 1.0, 1.0, 0.3, 0.1), (0.03, 0.01, 0.01, 0.01, 0.01, 0.01)
 _OF_AVERAGES = 0.3, 0.1
 # Nats a row by which a number of modes is so much worse than the best one that it is not judged any
-# more, before each stage; the first of rows of averages, too.
+# more, before each stage.
 _HOPELESS = 0.5, 0.1
 _SIZES = 3, 6, 12, 24, 48  # of averages
 
@@ -94,10 +94,10 @@ class StaySearch:
             for fit in fits:
                 if len(fit.coef) == 1 or fit.cost > most:
                     continue
-                modes = averages.of_samples(fit.lawful)
-                own = of_modes(self.part.problem, modes[self.of_part], len(fit.coef))
+                modes = averages.of_samples(fit.lawful)[self.of_part]
+                own = of_modes(self.part.problem, modes, len(fit.coef))
                 told = with_states(self.part, own, _OF_AVERAGES[0], most_steps=RANKING_STEPS)
-                found = Found(own, told, (), modes)
+                found = Found(own, told, ())
                 least = min(least, found.cost)
                 yield found
             if least > best + hopeless:
@@ -122,24 +122,11 @@ class StaySearch:
     def _on_all_rows(self, found: Found, most: int) -> Found:
         """The same with all rows; modes that the part has not visited come in, up to so many."""
         if self.part is not self.data:
-            found = self._led(found)
+            scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
+            found = followed(self.data, found, found.coef, scale)
             found = with_more(self.data, found, most, lambda found: [found.fit.unexplained])
             found = without_twins(self.data, parted_stays(self.data, found, most) or found)
         return self._parted(found, most)
-
-    def _led(self, found: Found) -> Found:
-        """The same on all rows: by its laws, or by its averages, which show modes of all rows.
-
-        A law that few rows of the part tell is none elsewhere, and a mode may be in no row of it.
-        """
-        modes = found.everywhere
-        if modes is None:
-            scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
-            return followed(self.data, found, found.coef, scale)
-        again = Found(of_modes(self.data.problem, modes, modes.max() + 1), None, found.history)
-        assert found.states is not None, "averages are asked where there is noise"
-        ties = [np.maximum(found.states.tie, least) for least in _OF_AVERAGES + _STAGES[1]]
-        return lasting_only(self.data, with_noise(self.data, again, ties))
 
     def _parted(self, found: Found, most: int) -> Found:
         """The same with modes parted by averages, as long as noise drives the states.

@@ -171,7 +171,7 @@ def _searched(begun: RecordedOutcome, law: Law) -> RecordedOutcome:
 def _sound(outcome: RecordedOutcome, done: Searched, strict: bool) -> RecordedOutcome:
     """What a search has found and other stretches do not refute.
 
-    What was found beside an effect that is refuted rests on it, and is sought again, once: in 19
+    What was found beside an effect that is refuted rests on it, and is sought again, once: in 18
     measured sets and 72 judgements of tests one is, and a second look finds nothing. Of an arm that
     sticks, where all is refuted, five further ones found nothing that stands.
     """

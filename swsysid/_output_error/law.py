@@ -269,9 +269,7 @@ class Law:
                     place += count
                 else:
                     parts.append(term.effect.columns(here, term.place, *term.theta))
-            # feature by feature, as flows take them
-            values = np.empty((self.coef.shape[1], len(columns)))
-            return np.concatenate([part.T for part in parts], out=values).T
+            return np.hstack(parts)
 
         return features
 

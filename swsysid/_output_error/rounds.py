@@ -72,7 +72,7 @@ class Searched:
     def went_on(self, after_each: Callable[[], None] = lambda: None) -> Searched:
         """The same with every further effect that is worth it, up to one that is refuted.
 
-        All that would be found beside that one would rest on it. No answer of 19 measured sets is
+        All that would be found beside that one would rest on it. No answer of 18 measured sets is
         another one by that; of an arm that sticks the first round is left of 200 s.
         """
         done = self

@@ -261,10 +261,7 @@ class Laws:
             by_law = np.matmul(changes[..., 0].reshape(len(changes), -1).T, values.swapaxes(0, 1))
             by_law = by_law.reshape(-1, *changes.shape[1:3], values.shape[2]).swapaxes(0, 1)[own]
         else:
-            of_states = zip(changes.swapaxes(0, 1), own, strict=True)
-            by_law = np.concatenate(
-                [np.einsum("iar,ifr->far", one, values[:, free]) for one, free in of_states]
-            )
+            by_law = np.einsum("isar,ifr->sfar", changes, values, order="C")[own]
         if not self.inside:
             return by_law
         rates = [[self.coef[mode] @ one(stage).T for stage in stages] for one in self.inside]
@@ -275,11 +272,8 @@ class Laws:
 
         The latter are (n_states, n_states, n_rows), each entry by the first index of the second.
         """
-        steps, n_rows = LIMITS.difference * self.spread, len(columns)
-        values = self.features(_varied(columns, steps)).T
-        rates = (self.coef[mode] @ values).reshape(-1, len(steps) + 1, n_rows)
-        slopes = (rates[:, 1:] - rates[:, :1]) / steps[:, None]
-        return values[:, :n_rows], slopes.swapaxes(0, 1)
+        values, slopes = slopes_of(self.features, columns, self.spread)
+        return values.T, np.matmul(self.coef[mode], slopes.transpose(2, 1, 0))
 
     def varied_velocities(
         self, modes: Modes, x: Array, Z: Array, u: Array, slope: Array
@@ -334,17 +328,13 @@ def slopes_of(features: Features, columns: Array, spread: Array) -> tuple[Array,
 
     Varied are the first columns, as many as `spread` has entries.
     """
-    steps = LIMITS.difference * spread
-    values = features(_varied(columns, steps))
-    values = values.reshape(len(steps) + 1, len(columns), values.shape[1])
-    slopes = (values[1:] - values[0]) / steps[:, None, None]
+    n_varied = len(spread)
+    moves = np.zeros((n_varied, columns.shape[1]))
+    moves[np.arange(n_varied), np.arange(n_varied)] = LIMITS.difference * spread
+    values = features(np.concatenate([columns, *(columns + move for move in moves)]))
+    values = values.reshape(n_varied + 1, len(columns), values.shape[1])
+    slopes = (values[1:] - values[0]) / (LIMITS.difference * spread)[:, None, None]
     return values[0], slopes.transpose(1, 2, 0)
-
-
-def _varied(columns: Array, steps: Array) -> Array:
-    """Rows, and all of them with one of the first columns a step farther, one after the other."""
-    moves = np.eye(len(steps), columns.shape[1]) * steps[:, None]
-    return np.concatenate([columns, *(columns + move for move in moves)])
 
 
 def placed(laws: Laws, columns: Array) -> Laws:

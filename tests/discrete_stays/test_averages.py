@@ -14,7 +14,6 @@ from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
 from swsysid._discrete_stays.more_modes import without_twins
 from swsysid._discrete_stays.rows import of_modes
-from swsysid._discrete_stays.search import StaySearch
 from swsysid._discrete_stays.states import with_states
 
 
@@ -80,38 +79,6 @@ def test_modes_are_told_where_noise_is_more_than_a_step(n_recordings):
     moves = found.coef[:, :, 0] + np.matmul(found.coef[:, :, 1:] - np.eye(2), [15.0, 15.0])
     rates = sorted(moves.tolist())
     assert np.allclose(rates, [[-0.02, 0.07], [0.08, -0.03]], atol=5e-3)
-
-
-def rooms(n_samples, off, rng):
-    """Two rooms, the heater in one of them, or off for a while. Samples with noise, true modes."""
-    x, mode, until, states, modes = rng.uniform(18.0, 25.0, 2), 0, 0, [], []
-    for k in range(n_samples):
-        if k in off:
-            mode, until = 2, k + 80
-        elif mode == 2 and k == until:
-            mode = int(x[1] < x[0])
-        elif mode < 2 and x[mode] > 25.0:
-            mode = 1 - mode
-        states.append(x)
-        modes.append(mode)
-        x = x + 0.01 * (np.where(np.arange(2) == mode, 35.0, 5.0) - x)
-    return np.array(states) + 0.1 * rng.standard_normal((n_samples, 2)), np.array(modes)
-
-
-def test_a_mode_that_the_part_hardly_shows_is_told_on_all_rows():
-    rng = np.random.default_rng(3)
-    part = data_of(*np.zeros((6, 1001, 2))).rows_of_part()
-    left_out = np.setdiff1d(np.arange(30), part // 200)  # pieces of 200 rows
-    # the heater is off in these, and of one stay the part has the first 30 rows
-    off = [200 * left_out[0] - 30, *(200 * left_out + 60)]
-    seen = [rooms(1001, [place - 1000 * k for place in off], rng) for k in range(6)]
-    data, true = data_of(*(x for x, _ in seen)), np.concatenate([own[:-1] for _, own in seen])
-    assert np.count_nonzero(true[part] == 2) == 30 < 0.04 * np.count_nonzero(true == 2)
-    found = StaySearch(data, 6).best(None).found
-    often = np.zeros((3, len(found.coef)))
-    np.add.at(often, (true, found.fit.modes), 1.0)
-    # .94 where laws of the part are led to the rows elsewhere
-    assert len(found.coef) == 3 and often.max(axis=1).sum() > 0.998 * len(true)
 
 
 def parted(other):

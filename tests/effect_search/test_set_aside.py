@@ -191,5 +191,5 @@ def test_what_does_not_lower_the_untouched_error_is_listed_as_tried():
     assert tried["effect"] == "coulomb friction of x1 in x1'"
     assert tried["p_value"] < 0.01
     assert tried["after"][1] > 0.9 * tried["before"][1]  # it hardly falls, and not in each block
-    assert "Significant but not kept" in str(search.report_)
+    assert "Significant, not kept" in str(search.report_)
     assert "coulomb friction" in search.report_.to_html()
