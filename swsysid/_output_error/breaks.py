@@ -119,8 +119,7 @@ class BreakingLaws(Laws):
     ) -> Flow:
         """Flow of rows that pass a break, in about some share of their steps."""
         (state, level), (x, u, after, duration) = self.breaks[number], steps
-        beyond = sides.copy()
-        beyond[:, number] *= -1.0
+        beyond = _beyond(sides, number)
         for turn in range(_TURNS_OF_BREAKS):
             middle = u + share[:, None] * (after - u)
             is_last = turn + 1 == _TURNS_OF_BREAKS
@@ -154,8 +153,7 @@ class BreakingLaws(Laws):
         """
         state, (x, u, after, duration) = self.breaks[number].state, steps
         flow = self._held(number, sides, steps, varied)
-        beyond = sides.copy()
-        beyond[:, number] *= -1.0
+        beyond = _beyond(sides, number)
         places = (x, u), (flow[0], after)
         rates = self._rates(*((own, *place) for place in places for own in (sides, beyond)))
         away = [sides[:, number] * one[:, state] for one in rates]
@@ -195,6 +193,13 @@ class Steps(NamedTuple):
     def some(self, rows: Rows) -> Steps:
         """Those of some of the rows."""
         return Steps(*(one[rows] for one in self))
+
+
+def _beyond(sides: Array, number: int) -> Array:
+    """The same sides but for the other one of a break."""
+    beyond = sides.copy()
+    beyond[:, number] *= -1.0
+    return beyond
 
 
 def _put(flow: Flow, rows: Rows, own: Flow) -> None:

@@ -24,7 +24,7 @@ from swsysid._output_error.scan import Score, explained
 from swsysid._output_error.settings import SETTINGS
 from swsysid._output_error.stretches import Stretches
 from swsysid._results import Array
-from swsysid.effects import PlacedEffect, UnknownFunction
+from swsysid.effects import PlacedEffect
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class Model:
     @property
     def is_nameless(self) -> bool:
         """True of a function of any shape as the last effect."""
-        return isinstance(self.law.terms[-1].effect, UnknownFunction)
+        return self.law.is_nameless
 
 
 def loss(fit: Fit, count: float) -> float:

@@ -16,7 +16,7 @@ from swsysid._results import Array
 from swsysid._stays.laws import Bound, Laws, Shape
 from swsysid._stays.nodes import Rows
 from swsysid._stays.polynomial_laws import Powers, laws_of_monomials
-from swsysid.effects import Effect, PlacedEffect, RateEffect
+from swsysid.effects import Effect, PlacedEffect, RateEffect, UnknownFunction
 from swsysid.effects._base import Place
 from swsysid.effects._placed import shaped
 
@@ -66,6 +66,11 @@ class Law:
     def n_states(self) -> int:
         """Number of states."""
         return len(self.coef)
+
+    @property
+    def is_nameless(self) -> bool:
+        """True of a function of any shape as the last effect."""
+        return isinstance(self.terms[-1].effect, UnknownFunction)
 
     @property
     def n_parameters(self) -> int:

@@ -30,18 +30,14 @@ def names_for(
 
     So many independent samples pay for their parameters.
     """
-    least = min((loss(fit, count) for fit in fits if not _is_nameless(fit)), default=np.inf)
+    least = min((loss(fit, count) for fit in fits if not fit.law.is_nameless), default=np.inf)
     found = [
         one
         for fit in fits
-        if _is_nameless(fit) and loss(fit, count) < least
+        if fit.law.is_nameless and loss(fit, count) < least
         for one in _most_alike(fit, listed, stretches)
     ]
     return list({(*one.signature, one.theta): one for one in found}.values())
-
-
-def _is_nameless(fit: Fit) -> bool:
-    return isinstance(fit.law.terms[-1].effect, UnknownFunction)
 
 
 def _most_alike(
@@ -61,7 +57,9 @@ def _most_alike(
     for candidate in listed:
         placed = candidate.placed
         is_of_it = (placed.place, placed.target) == (term.place, term.target)
-        if not is_of_it or not placed.effect.terms or _remembers_or_is_nameless(placed):
+        if not is_of_it or not placed.effect.terms or remembers(placed):
+            continue
+        if isinstance(placed.effect, UnknownFunction):
             continue
         for theta in candidate.grid.tolist():
             one = replace(placed, theta=tuple(theta))
@@ -72,7 +70,3 @@ def _most_alike(
                 best[one.effect.kind] = missed, one
     ranked = sorted(best.values(), key=lambda pair: pair[0])
     yield from (one for _, one in ranked[:_N_NAMES])
-
-
-def _remembers_or_is_nameless(placed: PlacedEffect) -> bool:
-    return isinstance(placed.effect, UnknownFunction) or remembers(placed)

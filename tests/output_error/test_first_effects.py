@@ -9,8 +9,9 @@ import numpy as np
 
 from swsysid._output_error.criterion import Left
 from swsysid._output_error.engines import Model
+from swsysid._output_error.law import Law
 from swsysid._output_error.rounds import Searched
-from swsysid.effects import LoadFriction, TimeInterval, UnknownFunction
+from swsysid.effects import LoadFriction, PlacedEffect, TimeInterval, UnknownFunction
 
 SERIES = (np.arange(400),)
 
@@ -22,8 +23,8 @@ def searched(effect, share, search=None):
     """
     scatter = np.repeat(np.where(np.arange(20) % 2, 0.1, -0.1), 20)
     left = np.sqrt(1.0 - share - scatter)[:, None]
-    law, placed = SimpleNamespace(terms=(SimpleNamespace(effect=effect),)), SimpleNamespace()
-    placed.effect = effect
+    placed, one = PlacedEffect(effect, 0, 0), np.ones((1, 1))
+    law = Law.of(lambda X: X, one > 0.0, 0.0 * one).beside([placed])
     declared = Model(SimpleNamespace(law=law), Left(np.ones((400, 1)), SERIES))
     found = Model(SimpleNamespace(law=law), Left(left, SERIES))
     return Searched(search, (declared, found), (SimpleNamespace(candidate=placed),))
