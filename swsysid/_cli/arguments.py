@@ -218,7 +218,8 @@ def _add_laws(add: Callable) -> None:
     """The laws and surfaces that are looked for."""
     add(
         "--modes",
-        help='number of modes, or "auto" (default: 2; auto with --automaton; with --diagnose one '
+        help='number of modes, or "auto" (default: 2, and where these explain too little what is '
+        "asked next, as by --diagnose or --automaton; auto with --automaton; with --diagnose one "
         "law, and 2 where one predicts nothing, or where derivatives are measured)",
     )
     add(

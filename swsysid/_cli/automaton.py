@@ -31,8 +31,13 @@ from swsysid._verdict.verdict import SwitchingVerdict
 from swsysid._verdict.words import COMMAND_LINE
 
 
-def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str) -> int:
-    """Identify an automaton, judge one of the other recordings on what is held out, and save."""
+def run_automaton(
+    table: Table, options: JobOptions, folder: Path, checksum: str, before: str = ""
+) -> int:
+    """Identify an automaton, judge one of the other recordings on what is held out, and save.
+
+    The text of what was said `before` stays.
+    """
     if options.measurement.derivatives:
         raise TableError("--automaton takes recorded states alone; leave out --derivatives.")
     with own_warnings() as notes:
@@ -41,9 +46,9 @@ def run_automaton(table: Table, options: JobOptions, folder: Path, checksum: str
     assert answer is not None  # it is asked for
     told = answer.text(samples)
     beside = [f"note: {note}" for note in notes if note not in told]
-    return save_automaton(
-        answer.found, samples, "\n\n".join([_recorded(samples), told, *beside]), folder, checksum
-    )
+    data = [] if before else [_recorded(samples)]
+    text = "\n\n".join([*data, told, *beside])
+    return save_automaton(answer.found, samples, text, folder, checksum, before)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,8 @@ class Diagnosis:
     def explains_little(self) -> bool:
         """Whether one law predicts less than half of what was held out, or lacks what has no name.
 
-        All that was found stands beside it.
+        All that was found stands beside it. What acts in time alone tells nothing of the plant: a
+        thermostat that goes to and fro looks like a vibration.
         """
         report = self.search.report_
         if report.data is None or not report.of_rollouts:
@@ -58,7 +59,8 @@ class Diagnosis:
             leaves_more = not rest.clean
         else:  # nobody measured the velocities
             leaves_more = free is not None and not free.holds
-        return bool(left > JUDGING.half) or (report.clean and leaves_more)
+        in_time = any(found.place == "time" for found in self.search.effects_)
+        return bool(left > JUDGING.half) or in_time or (report.clean and leaves_more)
 
     @property
     def left(self) -> Array:
@@ -80,11 +82,21 @@ class Diagnosis:
         return bool((least >= JUDGING.told * self.left[:n_measured]).any())
 
     def is_worse_than(self, found: HybridAutomatonRegressor) -> bool:
-        """Whether several laws leave a fraction of what one law leaves, and imitate no curve."""
-        left = self.left[: len(found.noise_)]
+        """Whether several laws leave a fraction of what one law leaves, and imitate no curve.
+
+        Or nothing but noise where they are rolled out freely, and one law leaves more.
+        """
+        left, rollouts = self.left[: len(found.noise_)], found.report_.rollouts
         noise = found.noise_[: len(left)]
         leaves_less = bool((noise < JUDGING.told * left).all())
+        if rollouts is not None and rollouts.holds:
+            leaves_less = leaves_less or bool((JUDGING.noise_alone * noise < left).any())
         return leaves_less and bool(found.transitions_) and not found.report_.imitates
+
+    @property
+    def saved(self) -> tuple[EffectSearchCV, HybridAutomatonRegressor | None, Samples]:
+        """What goes into files."""
+        return self.search, None if self.several is None else self.several.found, self.samples
 
     @property
     def text(self) -> str:
@@ -93,6 +105,12 @@ class Diagnosis:
         n_samples = len(samples.X) if recorded is None else recorded.n_samples
         n_groups = len(np.unique(samples.groups if recorded is None else recorded.groups))
         data = [described(samples, n_samples, n_groups), *preparation(samples)]
+        return "\n\n".join(["\n".join(data), self.answer])
+
+    @property
+    def answer(self) -> str:
+        """What was found."""
+        samples = self.samples
         report = self.search.report_.to_text(units=units_of_displays(samples))
         if self.several is not None:
             sizes = zip(samples.names, self.left, strict=False)
@@ -111,7 +129,7 @@ class Diagnosis:
             report = f"{what}. {told}\n\n{one_law}"
         # what stands in the report, perhaps after another first sentence, is said
         notes = [f"note: {one}" for one in self.notes if one.split(". ", 1)[-1] not in report]
-        return "\n\n".join(["\n".join(data), report, *notes])
+        return "\n\n".join([report, *notes])
 
 
 def diagnosed(

@@ -35,6 +35,11 @@ class JobOptions:
         return bool(self.measurement.derivatives) and self.measurement.quantity is None
 
     @property
+    def is_recording(self) -> bool:
+        """Whether times are known and no rates, so that one law can be rolled out or compared."""
+        return self.measurement.timed and not self.has_measured_rates
+
+    @property
     def missing(self) -> str:
         """What laws lack that leave more than noise, and what looks for it."""
         told = "a term, a mode, an effect (--diagnose) or an impact (--automaton) is missing"

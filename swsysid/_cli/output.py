@@ -56,8 +56,10 @@ def prepare(folder: Path, source: str, content: str) -> None:
 
 
 @contextmanager
-def results(folder: Path) -> Iterator[Path]:
+def results(folder: Path, adds: bool = False) -> Iterator[Path]:
     """A folder to write to; its files take the place of all that an earlier run has left.
+
+    With `adds` those of this run stay that have been written before.
 
     Nothing is changed unless all of them are written, and two runs do not mix: one moves its files
     after the other.
@@ -70,7 +72,7 @@ def results(folder: Path) -> Iterator[Path]:
             for name in _NAMES:
                 if name in written:
                     os.replace(draft / name, folder / name)
-                else:
+                elif not adds:
                     (folder / name).unlink(missing_ok=True)
     finally:
         shutil.rmtree(draft, ignore_errors=True)

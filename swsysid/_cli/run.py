@@ -18,6 +18,7 @@ from swsysid._checkpoints import versions
 from swsysid._cli.arguments import LIBRARIES, is_watched, modes, sentences
 from swsysid._cli.automaton import own_warnings, run_automaton
 from swsysid._cli.diagnosis import chosen_effects, diagnosed, searched
+from swsysid._cli.further import Further
 from swsysid._cli.job import JobOptions, JobResult, run_job
 from swsysid._cli.measurement import Measurement
 from swsysid._cli.output import prepare
@@ -63,9 +64,7 @@ def _run(
         is_left_open = arguments.modes is None and not options.has_measured_rates
         if is_left_open or options.modes == 1:
             found = diagnosed(table, options, effects, is_left_open, watched)
-            several = None if found.several is None else found.several.found
-            what = found.search, several, found.samples, found.text
-            return save_diagnosis(*what, arguments.output, page, checksum)
+            return save_diagnosis(*found.saved, found.text, arguments.output, page, checksum)
     with own_warnings() as notes:
         with stage("Smoothing, and identifying modes", watched):
             result = run_job(table, options)
@@ -77,7 +76,13 @@ def _run(
         report = search.report_.to_text(units=units_of_displays(result.samples))
         told += [report, with_effects(search.best_estimator_)]
     text = "\n\n".join(part for part in [render(result), *told] if part)
-    return save(result, text, arguments.output, search, page, checksum)
+    code = save(result, text, arguments.output, search, page, checksum)
+    is_chosen = arguments.modes is not None or page is not None or options.quick
+    if code or is_chosen or not options.is_recording:
+        return code
+    page = _page_path(arguments.output / PAGE, table.source)
+    further = Further(table, options, arguments.output, page, checksum, watched)
+    return further.asked(result.verdict, text)
 
 
 @contextmanager

@@ -69,8 +69,12 @@ def save_diagnosis(
     folder: Path,
     page: Path,
     checksum: str,
+    before: str = "",
 ) -> int:
-    """Write and print what a law lacks, or several; the exit code is 2 if it cannot be written."""
+    """Write and print what a law lacks, or several; the exit code is 2 if it cannot be written.
+
+    The text of what was printed `before` stays, and its model unless several laws take its place.
+    """
     recording = _recording(samples, checksum)
 
     def write(draft: Path, beside: Path | None) -> str:
@@ -82,7 +86,8 @@ def save_diagnosis(
         return written + _write_search(search, samples, recording, draft, beside)
 
     declared = search.declared_estimator_.estimator_
-    return _save(several or declared, recording, text, folder, page, write)
+    model = several or (None if before else declared)
+    return _save(model, recording, text, folder, page, write, before)
 
 
 def _fitted_to(result: JobResult) -> tuple[Fitted, tuple | None]:
@@ -133,15 +138,23 @@ def _write_search(
 
 
 def save_automaton(
-    found: HybridAutomatonRegressor, samples: Samples, text: str, folder: Path, checksum: str
+    found: HybridAutomatonRegressor,
+    samples: Samples,
+    text: str,
+    folder: Path,
+    checksum: str,
+    before: str = "",
 ) -> int:
-    """Write and print what was found; the exit code is 2 if it cannot be written."""
+    """Write and print what was found; the exit code is 2 if it cannot be written.
+
+    The text of what was printed `before` stays.
+    """
 
     def write(draft: Path, _: Path | None) -> str:
         report = _write_report(found, _recorded(samples), samples, text, draft)
         return _write_automaton(found, draft) + report
 
-    return _save(found, _recording(samples, checksum), text, folder, None, write)
+    return _save(found, _recording(samples, checksum), text, folder, None, write, before)
 
 
 def _write_automaton(found: HybridAutomatonRegressor, draft: Path) -> str:
@@ -169,28 +182,34 @@ def page_title(source: str) -> str:
 
 
 def _save(
-    model: BaseEstimator,
+    model: BaseEstimator | None,
     recording: Recording,
     text: str,
     folder: Path,
     page: Path | None,
     write: Callable[[Path, Path | None], str],
+    before: str = "",
 ) -> int:
     """Write the model, the text, and what `write` adds to a folder and a page, or nothing.
 
     The text is printed when all is written: a reader such as head that ends early loses no results.
+    What was written with a text that was printed `before` stays.
     """
+    written, told = nullcontext() if page is None else written_beside(page), TEXT
     try:
-        with results(folder) as draft, nullcontext() if page is None else written_beside(page) as b:
-            save_model(model, draft / MODEL, recording=recording)
-            (draft / TEXT).write_text(text + "\n", encoding="utf-8")
-            more = write(draft, b)
+        with results(folder, adds=bool(before)) as draft, written as beside:
+            if model is not None:
+                save_model(model, draft / MODEL, recording=recording)
+                told = f"{MODEL}, {TEXT}"
+            whole = "\n\n".join(filter(None, [before, text]))
+            (draft / TEXT).write_text(whole + "\n", encoding="utf-8")
+            more = write(draft, beside)
     except OSError as error:
         print(text)
         where = folder if page is None or str(error.filename) != str(page) else page
         print(f"swsysid: {where} cannot be written: {error.strerror}.", file=sys.stderr)
         return 2
-    print(f"{text}\n\nSaved in {folder}: {MODEL}, {TEXT}{more}")
+    print(f"{text}\n\nSaved in {folder}: {told}{more}")
     if page is not None:
         print(f"Page with pictures: {page.resolve()}")
     return 0

@@ -90,6 +90,24 @@ class SwitchingVerdict:
         return self.kind is Verdict.ONE_MODE and not self._lacks_something
 
     @property
+    def remembers(self) -> bool:
+        """Whether a guard that remembers is why the modes predict no better than one law."""
+        no_better = self.comparison.improvement <= JUDGING.worth
+        return self.switches and no_better and bool(self.memory)
+
+    @property
+    def leaves_open(self) -> bool:
+        """Whether neither the modes nor a smooth law that was tried explains the recordings.
+
+        Guards that remember, switches that nothing recorded tells, and modes that no curve imitates
+        are explanations, to which something may be added.
+        """
+        if self.trusted and (not self.switches or self.improvement >= JUDGING.half):
+            return False
+        lacks = self.noise is None or self._lacks_something
+        return lacks and not self.remembers and self.kind is not Verdict.HIDDEN
+
+    @property
     def improvement(self) -> float:
         """Part by which the modes lower the held-out error of the best smooth law."""
         return self.comparison.improvement
@@ -202,7 +220,7 @@ class SwitchingVerdict:
         law = f"one mode with {comparison.best.terms} terms"
         judged = "rates" if comparison.noise is None else "states"
         sure = f"error {change(comparison)}, {comparison.gain:.1f} standard errors over blocks"
-        if comparison.improvement <= JUDGING.worth and self.memory:
+        if self.remembers:
             return self._of_memory()
         auto = self.words.auto
         other = "" if self.asked == "auto" else f"; or let the data say how many: {auto}"
