@@ -57,8 +57,9 @@ class Further:
 
     def _effects(self, before: str) -> int:
         found = diagnosed(self.table, self.options, all_effects(), True, self.watched)
-        told = found.answer, self.folder, self.page, self.checksum, before
-        return save_diagnosis(*found.saved, *told)
+        return save_diagnosis(
+            *found.saved, found.answer, self.folder, self.page, self.checksum, before
+        )
 
     def _memory(self, before: str) -> int:
         options = replace(self.options, modes="auto")
