@@ -71,7 +71,7 @@ class Feedthrough(MeasurementEffect):
 
     def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
         state, own = (names[one] for one in place)
-        return f"{state} is recorded with {figure(theta[0])} {own} added, which the laws do not have"
+        return f"{state} is recorded with {figure(theta[0])} {own} added, which no law has"
 
     def is_possible(
         self, records: Records, place: Place, velocities: Array, discrete: bool
