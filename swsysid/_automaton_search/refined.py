@@ -18,7 +18,7 @@ from swsysid._automaton_search.found import Told, place_of
 from swsysid._automaton_search.guards import met, missed_by_all
 from swsysid._automaton_search.instants import Settled
 from swsysid._automaton_search.joint import Joint, JointEstimate, jointly
-from swsysid._automaton_search.refinement import AutomatonRefinement, FreeRollouts
+from swsysid._automaton_search.refinement import DIVERGED, AutomatonRefinement, FreeRollouts
 from swsysid._automaton_search.settings import SETTINGS
 from swsysid._automaton_search.switches import Switches
 from swsysid._automaton_search.transition_guards import TransitionGuards
@@ -62,7 +62,7 @@ def refined(
     free = FreeRollouts.of(after, joint.after)
     rolled_before = FreeRollouts.of(before, joint.before).misfit(noise)
     rolled_after = free.misfit(noise)
-    likely = joint.value_after <= joint.value_before + settings.converged
+    likely = joint.value_after <= min(joint.value_before + settings.converged, DIVERGED)
     # those of states that walk lead away whatever the automaton
     walks = stays.estimate.nodes.recordings.walk is not None
     kept = likely and (walks or rolled_after <= (1.0 + _WORSE) * rolled_before)

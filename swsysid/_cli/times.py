@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,7 @@ def in_seconds(table: Table, what: Measurement) -> Table:
     if len(known) < 2:  # no step to tell a unit by
         return table
     since, step = (column - known[0]).astype(float), float(np.median(np.abs(np.diff(known))))
-    unit, why = what.time_unit or table.unit(name), ""
+    unit, why = what.time_unit or table.unit(name) or _named(name), ""
     if not unit and step >= 2.0 and (known == np.rint(known)).all():
         unit = _guessed(abs(float(known[0])), step, since)
         why = f" whole numbers, {step:,.0f} apart, and taken"
@@ -47,6 +49,16 @@ def in_seconds(table: Table, what: Measurement) -> Table:
     told += " (--time-unit says otherwise)" if why else ""
     seconds = SECONDS[unit.lower()] * since
     return table.replaced(name, seconds, "s", f"{told}; they become seconds since the first.")
+
+
+def _named(name: str) -> str:
+    """The unit of time in which the name of a column of times ends, "" if none.
+
+    >>> [_named(name) for name in ("ms", "millis", "time_sec", "Elapsed hours", "time", "stamps")]
+    ['ms', 'millis', 'sec', 'hours', '', '']
+    """
+    last = re.split(r"[\W_]+", name)[-1].lower()
+    return last if last in SECONDS else ""
 
 
 def _guessed(first: float, step: float, since: NDArray[np.float64]) -> str:

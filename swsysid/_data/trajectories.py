@@ -197,7 +197,9 @@ def turn_of(runs: Sequence[Array]) -> float | None:
     """The turn after which an angle begins anew, 2 pi or 360; None for any other column.
 
     `runs` are its values along each recording, NaN where missing. An angle stays within one turn,
-    jumps by nearly that, and makes only small steps once whole turns are added.
+    jumps by nearly that, makes only small steps once whole turns are added, and goes over the end
+    of its range as it goes just before or after, or by a single count: an input that rests at
+    levels, and once steps by three quarters of a turn, is a voltage.
 
     Examples
     --------
@@ -206,6 +208,7 @@ def turn_of(runs: Sequence[Array]) -> float | None:
     (6.283185307179586, 360.0)
     >>> turn_of([theta]), turn_of([np.where(theta % 2 < 1, 0.0, 6.2)])
     (None, None)
+    >>> turn_of([np.repeat([2.9, 4.4, 3.2, 4.7, 0.0, 1.5, 2.9], 50)])
     """
     known = [run[np.isfinite(run)] for run in runs]
     values, steps = np.concatenate(known), np.concatenate([np.diff(run) for run in known])
@@ -218,10 +221,22 @@ def turn_of(runs: Sequence[Array]) -> float | None:
         if not over.any() or over.all() or rest.max() > _LARGEST_STEP * turn:
             continue
         smooth = 0.0 < rest[over].max() <= _LIKE_OTHERS * rest[~over].max()
+        counts = rest[(rest > 0.0) & (rest <= _NOISE * turn)]
+        beside = np.concatenate([_beside(np.diff(run), turn) for run in known])
+        beside = np.maximum(beside, counts.min() if counts.size else 0.0)
+        goes_on = rest[over] <= _LIKE_OTHERS * beside[over]
+        smooth &= bool(goes_on.mean() >= 0.5)  # rows may be lost beside some
         passes = bool((np.abs(values - middle) < 0.25 * turn).any())
         if smooth and span <= turn * (1.0 + (_NOISE if passes else 1e-9)):
             return turn
     return None
+
+
+def _beside(steps: Array, turn: float) -> Array:
+    """The larger of the steps before and after each, whole turns added."""
+    sizes = np.abs(steps - turn * np.rint(steps / turn))
+    around = np.pad(sizes, 1)
+    return np.maximum(around[:-2], around[2:])
 
 
 def how_to_unwrap(name: str, turn: float) -> str:

@@ -131,7 +131,7 @@ class RecordedOutcome:
             elif isinstance(term.effect, RateEffect):
                 answers.append(longer * self._variance(place, fit, every))
             else:  # of a sensor, beside laws that are known
-                unit = slope_of_sensor(term, every) / fit.noise[term.place]
+                unit = slope_of_sensor(term, every) / fit.noise[term.target]
                 answers.append(np.array([[longer / (unit @ unit)]]))
         return answers
 

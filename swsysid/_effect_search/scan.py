@@ -251,11 +251,11 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
     for place in effect.places(along) if context.targets else ():
         if not effect.is_possible(along, place, velocities, discrete):
             continue
-        (parameter,) = effect.parameters(context.searched, place)
+        (parameter,), state = effect.parameters(context.searched, place), effect.state_of(place)
 
-        def misfit(value: float, place: int = place) -> float:
+        def misfit(value: float, place: Place = place, state: int = state) -> float:
             known = effect.corrected(records, place, value)
-            return context.misfit(known, effect.of_its_velocity(known, place, value), place)
+            return context.misfit(known, effect.of_its_velocity(known, place, value), state)
 
         losses = [misfit(value) for value in parameter.values]
         best = int(first_least(losses))
@@ -264,7 +264,7 @@ def _(effect: MeasurementEffect, context: CandidateContext) -> Iterator[PlacedEf
         value = float(parameter.values[best])
         if not parameter.exact:
             value, _ = _least_near(misfit, parameter.values, value, _FINE_STEP)
-        yield PlacedEffect(effect, place, place, theta=(value,))
+        yield PlacedEffect(effect, place, state, theta=(value,))
 
 
 @proposals.register

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeGuard
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
@@ -74,7 +74,7 @@ def _changes_the_law(effect: Effect) -> bool:
     return bool(effect.terms) or isinstance(effect, RateEffect)
 
 
-def is_of_a_sensor(effect: Effect) -> bool:
+def is_of_a_sensor(effect: Effect) -> TypeGuard[MeasurementEffect]:
     """True of what changes the record by a number that a fit can find."""
     return isinstance(effect, MeasurementEffect) and not isinstance(effect, Quantisation)
 
@@ -199,27 +199,28 @@ def shortlist(
 
 
 def of_sensors(
-    law: Law, rolled_out: Array, stretches: Stretches, effects: Sequence[Effect]
+    law: Law, rolled_out: Array, stretches: Stretches, effects: Sequence[MeasurementEffect]
 ) -> Iterator[PlacedEffect]:
     """Corrections of states that explain a share worth it of what rollouts leave of these.
 
-    They are free: a disturbance would let the states follow a sensor that is wrong. A sensor is
-    right or wrong beside others: with one state it says no more than a delay does.
+    They are free: a disturbance would let the states follow a sensor that is wrong. A sensor may be
+    right or wrong beside others alone: with one state it says no more than a delay does.
     """
     seen = stretches.corrected(law.terms).seen
     missed = np.nan_to_num(rolled_out, posinf=0.0)  # of what diverges nothing is told
     for effect, place in ((one, place) for one in effects for place in one.places(seen)):
-        n_measured = missed.shape[1]
-        if n_measured < 2 or place >= n_measured or effect.missing(seen) is not None:
+        n_measured, state = missed.shape[1], effect.state_of(place)
+        is_told = n_measured > 1 or not effect.beside_others
+        if not is_told or state >= n_measured or effect.missing(seen) is not None:
             continue
         (parameter,) = effect.parameters(seen, place)
-        slope = slope_of_sensor(PlacedEffect(effect, place, int(place), theta=(0.0,)), stretches)
-        left = missed[:, place]
+        slope = slope_of_sensor(PlacedEffect(effect, place, state, theta=(0.0,)), stretches)
+        left = missed[:, state]
         size = -(left @ slope) / (slope @ slope)
         if size * (left @ slope) < -SETTINGS.worthwhile * (left @ left):
             nearest = parameter.values[np.abs(parameter.values - size).argmin()]
             if nearest != 0.0:
-                yield PlacedEffect(effect, place, int(place), theta=(float(nearest),))
+                yield PlacedEffect(effect, place, state, theta=(float(nearest),))
 
 
 def slope_of_sensor(term: PlacedEffect, stretches: Stretches) -> Array:
@@ -229,7 +230,7 @@ def slope_of_sensor(term: PlacedEffect, stretches: Stretches) -> Array:
     (parameter,) = effect.parameters(seen, term.place)
     step = np.abs(parameter.values[parameter.values != 0.0]).min()
     there, back = (effect.corrected(seen, term.place, value + one) for one in (step, -step))
-    moved = there.channel(term.place) - back.channel(term.place)
+    moved = there.channel(term.target) - back.channel(term.target)
     return np.asarray(moved[stretches.rows] / (2.0 * step))
 
 

@@ -104,9 +104,10 @@ def mode_doubts(n_found: int, asked: int | str, most: int) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class FitLeft:
-    """What a fit leaves of the samples, in units of their noise."""
+    """What a fit leaves of the samples, without those that follow no law."""
 
-    excess: Array  # (n_channels,): root mean squares, without samples that follow no law
+    size: Array  # (n_channels,): root mean squares
+    excess: Array  # (n_channels,): the same in units of the noise of each sample
     n_apart: int  # samples further from the rollouts than noise brings them
     n_samples: int
     first: tuple[str, float]  # recording and time of the first of them
@@ -119,28 +120,31 @@ class FitLeft:
         estimate, n_channels = found.estimate, given.n_channels
         recordings = estimate.nodes.recordings
         left, states = left_over(estimate), origin.states(states_of(estimate))
-        parts = [
-            left[places, k, :n_channels] / noise.at(states[places, k, :n_channels], label)
-            for k, (places, label) in enumerate(
-                zip(recordings.sampled, map(label_text, given.labels), strict=True)
-            )
-        ]
-        sizes = np.abs(np.vstack(parts))
+        samples, sigmas = [], []
+        for k, (places, label) in enumerate(
+            zip(recordings.sampled, map(label_text, given.labels), strict=True)
+        ):
+            samples.append(left[places, k, :n_channels])
+            sigmas.append(noise.at(states[places, k, :n_channels], label))
+        off = np.vstack(samples)
+        sizes = np.abs(off) / np.vstack(sigmas)
         n_values = max(1, int(np.isfinite(sizes).sum()))
         far = np.nan_to_num(sizes) > norm.isf(_BY_CHANCE / (2.0 * n_values))
         n_samples = int(np.isfinite(sizes).any(axis=1).sum())  # rows of inputs alone are none
         places = np.flatnonzero(far.any(axis=1))
         if len(places) > _MOST_APART * n_samples:
             places = places[:0]
-        sizes[places] = np.nan
+        sizes[places] = off[places] = np.nan
         count = np.maximum(1, np.isfinite(sizes).sum(axis=0))
         freedom = max(0.1, 1.0 - found.reached.n_unknowns / max(1, count.sum()))
-        excess = np.sqrt(np.nansum(np.square(sizes), axis=0) / count / freedom)
+        size, excess = (
+            np.sqrt(np.nansum(np.square(one), axis=0) / count / freedom) for one in (off, sizes)
+        )
         first = ("", 0.0)
         if len(places):
-            owner = np.repeat(np.arange(len(parts)), [len(part) for part in parts])[places[0]]
+            owner = np.repeat(np.arange(len(samples)), [len(one) for one in samples])[places[0]]
             first = label_text(given.labels[owner]), float(_times(estimate)[places[0]])
-        return cls(excess, len(places), n_samples, first)
+        return cls(size, excess, len(places), n_samples, first)
 
     def sentences(self) -> Iterator[str]:
         """How many samples follow no law, and where the first is."""

@@ -38,7 +38,8 @@ class RecordingReport:
         Part of the samples in each mode.
     channels : tuple of str
     noise : ndarray of shape (n_channels,)
-        What the rollouts leave of each channel: the noise, if the laws are right.
+        What the rollouts leave of each channel, without samples that follow no law: the noise, if
+        the laws are right.
     noise_of_differences : ndarray of shape (n_channels,)
         The noise that neighbouring samples show, whatever the laws are.
     samples_that_count_as_one : float
@@ -157,7 +158,6 @@ def reported(
     n_channels, names = given.n_channels, found.model.switching_model.feature_map.names_in
     channels, together = tuple(names[:n_channels]), sure.samples_that_count_as_one
     least = LIMITS.exactly * found.estimate.laws.spread[:n_channels]
-    sensor = (found.left if walk is None else walk.sensor)[:n_channels]
     near = np.maximum(search.base.noise[:n_channels], least)
     rollouts, noise = judged(found, origin, given.labels, near, channels, together, search.stretch)
     left = FitLeft.of(found, origin, noise, given)
@@ -178,7 +178,7 @@ def reported(
         surfaces=tuple(found.model.surface_equations()) if has_surfaces else (),
         shares=np.bincount(modes, minlength=n_modes) / len(modes),
         channels=channels,
-        noise=sensor,
+        noise=np.maximum(left.size, least) if walk is None else walk.sensor[:n_channels],
         noise_of_differences=search.base.noise[:n_channels],
         samples_that_count_as_one=together,
         excess=left.excess,

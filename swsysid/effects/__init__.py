@@ -32,7 +32,7 @@ from swsysid.effects._intervals import TimeInterval
 from swsysid.effects._memory import Backlash, Delay, Lag, TransportDelay
 from swsysid.effects._placed import Formula, FoundEffect, PlacedEffect, Rival
 from swsysid.effects._rates import EndStop, RateEffect, RateLimit, Stick
-from swsysid.effects._sensors import ClockLag, Quantisation, SensorOffset
+from swsysid.effects._sensors import ClockLag, Feedthrough, Quantisation, SensorOffset
 from swsysid.effects._shapes import UnknownFunction
 from swsysid.effects._switching import ExtraMode, Reset
 from swsysid.effects._terms import (
@@ -77,6 +77,7 @@ def all_effects() -> list[Effect]:
         DahlFriction(in_motions=False),
         Trigonometric(),
         SensorOffset(),
+        Feedthrough(),
         ClockLag(),
         GuardHysteresis(),
         Reset(),
@@ -126,6 +127,7 @@ __all__ = [
     "Effect",
     "EndStop",
     "ExtraMode",
+    "Feedthrough",
     "Formula",
     "GainChange",
     "GuardEffect",

@@ -1,4 +1,4 @@
-"""Effects of the measurement: a state recorded with an offset, late, or in coarse steps."""
+"""Effects of the measurement: a state recorded with an offset, an input, late, in coarse steps."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from swsysid._results import Array
 from swsysid.effects._base import Parameter, Place, figure, spread
 from swsysid.effects._types import MeasurementEffect
 
-_SMALLEST_OFFSET = 0.005  # of the range of the state
-_LARGEST_OFFSET = 0.5
-_N_OFFSETS = 8  # of each sign
+_SHARES = np.geomspace(0.005, 0.5, 8)  # of the range of the state, for offsets of each sign
 _LATEST = 16  # steps of the record, for a late sensor
 _DIFFERENT = 0.5  # values, as a share of the samples: more are no steps of a sensor
 _UNEVEN = 1e-4  # of a step, by which multiples of it may differ
@@ -29,8 +27,7 @@ class SensorOffset(MeasurementEffect):
     meaning = "the sensor of {channel} has an offset"
 
     def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
-        shares = np.geomspace(_SMALLEST_OFFSET, _LARGEST_OFFSET, _N_OFFSETS)
-        sizes = shares * (spread(records.channel(place)) or 1.0)
+        sizes = _SHARES * (spread(records.channel(place)) or 1.0)
         return (Parameter("offset", np.concatenate([-sizes[::-1], [0.0], sizes]), "{channel}"),)
 
     def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
@@ -42,6 +39,52 @@ class SensorOffset(MeasurementEffect):
 
     def recorded(self, records: Records, place: Place, *theta: float) -> Records:
         return records.with_channel(place, records.channel(place) + theta[0])
+
+
+class Feedthrough(MeasurementEffect):
+    """The record says ``x + gain * u`` where the state is x: it steps whenever the input u does.
+
+    So does the voltage of a battery, by the current in its resistance. A place is the numbers of
+    the state and of the input.
+    """
+
+    kind = "feedthrough"
+    meaning = "what is recorded of {target} steps with {channel}, as behind a series resistance"
+    needs = frozenset({"order"})
+    beside_others = False
+
+    def places(self, records: Records) -> Sequence[Place]:
+        """A state and an input."""
+        return [(state, own) for state in records.states for own in records.inputs]
+
+    def state_of(self, place: Place) -> int:
+        return int(place[0])
+
+    def parameters(self, records: Records, place: Place) -> tuple[Parameter, ...]:
+        sizes = _SHARES * (spread(records.channel(place[0])) or 1.0)
+        gains = sizes / (spread(records.channel(place[1])) or 1.0)
+        return (Parameter("gain", np.concatenate([-gains[::-1], [0.0], gains]), ""),)
+
+    def label(self, place: Place, names: Sequence[str]) -> str:
+        """The input."""
+        return str(names[place[1]])
+
+    def statement(self, place: Place, names: Sequence[str], target: int, *theta: float) -> str:
+        state, own = (names[one] for one in place)
+        return f"{state} is recorded with {figure(theta[0])} {own} added, which no law has"
+
+    def is_possible(
+        self, records: Records, place: Place, velocities: Array, discrete: bool
+    ) -> bool:
+        """No velocity between two steps of the input tells."""
+        return False
+
+    def corrected(self, records: Records, place: Place, *theta: float) -> Records:
+        state, own = (records.channel(one) for one in place)
+        return records.with_channel(place[0], state - theta[0] * own)
+
+    def recorded(self, records: Records, place: Place, *theta: float) -> Records:
+        return self.corrected(records, place, -theta[0])
 
 
 class ClockLag(MeasurementEffect):

@@ -43,7 +43,19 @@ class WithoutColumns(Effect):
 
 
 class MeasurementEffect(WithoutColumns):
-    """A sensor or a clock that changes the record; its one parameter is 0 where it does not."""
+    """A sensor or a clock that changes the record; its one parameter is 0 where it does not.
+
+    Attributes
+    ----------
+    beside_others : bool
+        Whether only other states tell that a sensor of one is wrong.
+    """
+
+    beside_others: ClassVar[bool] = True
+
+    def state_of(self, place: Place) -> int:
+        """The state whose record it changes."""
+        return int(place)
 
     def places(self, records: Records) -> Sequence[Place]:
         """The states."""

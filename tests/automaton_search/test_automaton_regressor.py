@@ -1,6 +1,7 @@
 """`HybridAutomatonRegressor` on stated plants: guards that remember, jumps, clocks, memory."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ from swsysid import (
     SwitchingSystemRegressor,
     TrajectoryIdentifier,
 )
+from swsysid._automaton_search import refined
 from swsysid.metrics import mode_accuracy
 
 THERMOSTAT = HybridAutomaton.stated(
@@ -101,6 +103,21 @@ def test_a_ball_has_one_mode_and_jumps_within_it(noise, tolerance):
         # one of the two coefficients of the guard sets its scale; none is four deviations off
         assert abs(one.guard.coef[guard > 0.0]) < 4.0 * guard.max()
         assert abs(one.reset.matrix[1, 1] + 0.8) < 4.0 * reset[1, 2]
+
+
+def test_what_follows_the_recordings_nowhere_is_no_refinement(monkeypatch):
+    """Of a ball between two stops the objective was 1e102, and errors of guards were 5e49."""
+    data, _ = recorded(THERMOSTAT, [([15.0], 0), ([16.0], 0)], np.arange(0.0, 30.0, 0.1), 0.01)
+    jointly = refined.jointly
+
+    def astray(*arguments):
+        return replace(jointly(*arguments), value_before=1.1e102, value_after=1e102)
+
+    monkeypatch.setattr(refined, "jointly", astray)
+    found = HybridAutomatonRegressor(random_state=0).fit(data)
+    assert not found.refinement_.kept
+    assert str(found.refinement_).startswith("Laws and guards refined together do not follow")
+    assert max(errors.max() for errors in found.guard_errors_) < 1.0
 
 
 def test_without_noise_nothing_is_refined():

@@ -45,6 +45,10 @@ def test_a_column_around_the_end_of_the_range_is_an_angle_too():
     assert turn_of([hovering]) == pytest.approx(2.0 * np.pi)
 
 
+def test_an_angle_that_moves_by_single_counts_amid_rests_is_one():
+    assert turn_of([np.floor(np.linspace(0.0, 12.0 * 57.0, 3000)) % 360.0]) == 360.0
+
+
 @pytest.mark.parametrize(
     "values",
     [
@@ -54,6 +58,8 @@ def test_a_column_around_the_end_of_the_range_is_an_angle_too():
         3.2 * np.sign(np.sin(T)) + 0.01 * np.sin(50.0 * T),
         THETA,
         180.0 * np.random.default_rng(1).uniform(-1.0, 1.0, 1500),
+        np.append(np.repeat(np.random.default_rng(0).uniform(2.9, 4.66, 30), 50), 0.0),  # volts
+        np.repeat([0.0, 2.3, 4.6, 2.3, 0.0, 4.6, 0.0], 50),
     ],
 )
 def test_what_jumps_otherwise_is_no_angle(values):

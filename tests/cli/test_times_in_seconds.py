@@ -54,6 +54,8 @@ def test_a_unit_that_is_known_or_said_wins():
         seconds, found, remarks = timed(1e6 * S, name, unit)
         np.testing.assert_allclose(seconds, S - S[0], atol=1e-12)
         assert found == "s" and remarks[0].endswith("they become seconds since the first.")
+    for name in ("ms", "millis", "elapsed_millis", "Time msec"):  # and steps of 10 tell nothing
+        np.testing.assert_allclose(timed(10 * np.arange(300), name)[0], 0.01 * np.arange(300))
     seconds, found, remarks = timed(np.rint(1e6 * S), unit="s")
     assert (seconds[1], found, remarks) == (np.rint(1e6 * S)[1], "s", ())
     assert timed(S / 60.0, "t_min")[1:] == ("min", ())

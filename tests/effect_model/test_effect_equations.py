@@ -21,6 +21,7 @@ from swsysid.effects import (
     Effect,
     EndStop,
     ExtraMode,
+    Feedthrough,
     GainChange,
     GuardHysteresis,
     Hill,
@@ -98,6 +99,7 @@ COLUMNS = [
 GUARD = Guard(terms=((0,),), weights=(-1.0,), upper_mode=1)
 STATEMENTS = [
     (SensorOffset(), 0, 0, (0.05,), "x is recorded with an offset of 0.05"),
+    (Feedthrough(), (0, 2), 0, (-0.05,), "x is recorded with -0.05 u added, which no law has"),
     (ClockLag(), 1, 1, (0.02,), "v is recorded late, by 0.02"),
     (Quantisation(), 0, 0, (0.25,), "x is recorded in steps of 0.25"),
     (
