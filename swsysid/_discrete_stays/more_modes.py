@@ -150,6 +150,23 @@ def followed(data: DiscreteData, found: Found, coef: Array, scale: Array) -> Fou
     return lasting_only(data, with_noise(data, Found(fit, None, found.history), ties))
 
 
+def without_rarest(data: DiscreteData, found: Found) -> Found:
+    """The same without the law of the fewest rows, where others explain these as well.
+
+    That which few rows of a part told may be a worse one of a mode that all rows show. The law in
+    its place was told beside it, so that modes are told anew until they stay.
+    """
+    if found.states is None:  # a few rows without noise tell a law exactly
+        return found
+    rows = np.bincount(found.fit.lawful[found.fit.lawful >= 0], minlength=len(found.coef))
+    kept = np.arange(len(found.coef)) != rows.argmin()
+    scale = scale_of(data.problem, found.coef, found.fit.lawful)
+    fewer = followed(data, found, found.coef[kept], scale[kept])
+    if fewer.states is None or not fewer.cost < found.cost:
+        return found
+    return lasting_only(data, with_noise(data, fewer, [fewer.states.tie] * len(_TIES)))
+
+
 def without_twins(data: DiscreteData, found: Found) -> Found:
     r"""The same with one law in the place of two where that is better.
 

@@ -10,7 +10,7 @@ import numpy as np
 from swsysid._discrete_stays.averages import Averages, parted_by_averages
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.found import Found, lasting_only, with_both_noises, with_noise
-from swsysid._discrete_stays.more_modes import followed, parted_stays, with_more, without_twins
+from swsysid._discrete_stays.more_modes import followed, parted_stays, with_more, without_rarest, without_twins
 from swsysid._discrete_stays.row_search import RowSearch
 from swsysid._discrete_stays.rows import RowFit, of_modes, scale_of
 from swsysid._discrete_stays.states import RANKING_STEPS, with_states
@@ -124,7 +124,8 @@ class StaySearch:
         if self.part is not self.data:
             scale = scale_of(self.part.problem, found.coef, found.fit.lawful)
             found = followed(self.data, found, found.coef, scale)
-            found = with_more(self.data, found, most, lambda found: [found.fit.unexplained])
+            more = with_more(self.data, found, most, lambda found: [found.fit.unexplained])
+            found = more if more is found else without_rarest(self.data, more)
             found = without_twins(self.data, parted_stays(self.data, found, most) or found)
         return self._parted(found, most)
 

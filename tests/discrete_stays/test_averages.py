@@ -12,7 +12,7 @@ from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.found import Found
 from swsysid._discrete_stays.identify import identify_stays
 from swsysid._discrete_stays.lagged import lagged_rows
-from swsysid._discrete_stays.more_modes import without_twins
+from swsysid._discrete_stays.more_modes import without_rarest, without_twins
 from swsysid._discrete_stays.rows import of_modes
 from swsysid._discrete_stays.states import with_states
 
@@ -82,7 +82,7 @@ def test_modes_are_told_where_noise_is_more_than_a_step(n_recordings):
 
 
 def parted(other):
-    """A pull to one side and the other, with noise; some stays may be in a third mode."""
+    """A pull to one side and the other, with noise; some rows may be in a third mode."""
     rng = np.random.default_rng(3)
     matrix, ends = np.array([[0.98, 0.04], [-0.04, 0.98]]), np.array([[1.5, 0.0], [-1.5, 0.5]])
     x, mode, states, modes = np.array([0.3, 0.4]), 0, [], []
@@ -94,15 +94,27 @@ def parted(other):
         x = ends[mode] + matrix @ (x - ends[mode])
     data = data_of(*np.split(np.array(states) + 0.03 * rng.standard_normal((900, 2)), 15))
     true = np.concatenate([own[:-1] for own in np.split(np.array(modes), 15)])
-    named = np.where((true == 0) & (np.arange(len(true)) > 500), 2, true) if other else true
+    named = np.where(other(true, np.arange(len(true))), 2, true)
     fit, states = of_modes(data.problem, named, int(named.max()) + 1), None
     for tie in (0.3, 0.1, 0.03, 0.01):
         states = with_states(data, fit, tie, states)
     return data, Found(fit, states, ()), true
 
 
+def late(modes, rows):
+    return (modes == 0) & (rows > 500)
+
+
+def across_a_switch(modes, rows):
+    return (rows > 20) & (rows < 80)
+
+
+def nowhere(modes, rows):
+    return rows < 0
+
+
 def test_one_law_takes_the_place_of_two_that_are_the_same():
-    data, found, true = parted(True)
+    data, found, true = parted(late)
     joined = without_twins(data, found)
     assert len(joined.coef) == 2
     assert joined.cost < found.cost
@@ -110,11 +122,27 @@ def test_one_law_takes_the_place_of_two_that_are_the_same():
 
 
 def test_laws_that_differ_are_not_joined():
-    data, found, _ = parted(False)
+    data, found, _ = parted(nowhere)
     assert without_twins(data, found) is found
 
 
 def test_rows_that_are_exact_have_no_twins_to_join():
-    data, found, _ = parted(True)
+    data, found, _ = parted(late)
     exact = replace(found, states=None)
     assert without_twins(data, exact) is exact
+    assert without_rarest(data, exact) is exact
+
+
+def test_a_law_of_few_rows_of_two_modes_goes():
+    data, found, true = parted(across_a_switch)
+    # as it is no twin of either
+    assert len(without_twins(data, found).coef) == 3
+    fewer = without_rarest(data, found)
+    assert len(fewer.coef) == 2
+    assert fewer.cost < found.cost
+    assert np.array_equal(fewer.fit.modes, true)
+
+
+def test_a_law_that_no_other_stands_in_for_stays():
+    data, found, _ = parted(nowhere)
+    assert without_rarest(data, found) is found

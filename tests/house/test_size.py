@@ -42,8 +42,8 @@ MOST_LINES = {
     "differentiation": 1640,
     # modes that a lag remembers, stays that one law explains, forces on a map, what is known of it;
     # modes of averages where noise hides a step, one law in the place of two; what a guard that has
-    # not risen says of states
-    "_discrete_stays": 3010,
+    # not risen says of states; a law of few rows that others stand in for
+    "_discrete_stays": 3030,
     # a plane of the columns that decide the mode
     "_displays": 1610,
     # formulas of models with effects; what is known beside effects
