@@ -149,7 +149,7 @@ def diagnosed(
     done = Diagnosis(search, samples, notes)
     if not is_left_open or done.leaves_noise:
         return done
-    jumps = _jumps(samples, options)
+    jumps = states_jump(samples, options)
     # one law, and what it jumps by, if that is enough; several, where one predicts little
     for modes in [1] * jumps + ["auto"] * done.explains_little:
         several, asked = None, samples if jumps else _thinned(samples)
@@ -185,7 +185,7 @@ def _thinned(samples: Samples) -> Samples:
     return replace(samples, recorded=recorded.every(recorded.thinning))
 
 
-def _jumps(samples: Samples, options: JobOptions) -> bool:
+def states_jump(samples: Samples, options: JobOptions) -> bool:
     """Whether states jump again and again, speeds of measured positions included."""
     recorded = samples.recorded
     if recorded is None or options.measurement.quantity:

@@ -11,16 +11,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from swsysid._cli.automaton import run_automaton
-from swsysid._cli.diagnosis import diagnosed
+from swsysid._cli.diagnosis import diagnosed, states_jump
+from swsysid._cli.job import JobResult
 from swsysid._cli.options import JobOptions
 from swsysid._cli.saving import save_diagnosis
 from swsysid._rendering.progress import stage
 from swsysid._results import SolverError
 from swsysid._tables.table import Table
-from swsysid._verdict.verdict import SwitchingVerdict
 from swsysid.effects import all_effects
-
-_BY_ITSELF = "; --modes 2 leaves that out."
 
 
 @dataclass(frozen=True)
@@ -34,20 +32,17 @@ class Further:
     checksum: str
     watched: bool
 
-    def asked(self, verdict: SwitchingVerdict, before: str) -> int:
-        """Ask what the verdict leaves open, if anything, beside what was said `before`."""
-        if verdict.remembers:
-            said, ask = (
-                f"So an automaton is identified, as by --automaton{_BY_ITSELF}",
-                self._memory,
-            )
-        elif verdict.leaves_open:
-            said, ask = (
-                f"So what one law lacks is searched for, as by --diagnose{_BY_ITSELF}",
-                self._effects,
-            )
+    def asked(self, result: JobResult, before: str) -> int:
+        """Ask what the first answer leaves open, if anything, beside what was said `before`."""
+        # a law of stretches between jumps lacks nothing that they show
+        is_open = result.verdict.leaves_open or states_jump(result.samples, self.options)
+        if result.verdict.remembers:
+            what, ask = "an automaton is identified, as by --automaton", self._memory
+        elif is_open:
+            what, ask = "what one law lacks is searched for, as by --diagnose", self._effects
         else:
             return 0
+        said = f"So {what}; --modes 2 leaves that out."
         print(f"\n{said}\n", flush=True)
         try:
             return ask(f"{before}\n\n{said}")

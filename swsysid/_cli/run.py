@@ -82,7 +82,7 @@ def _run(
         return code
     page = _page_path(arguments.output / PAGE, table.source)
     further = Further(table, options, arguments.output, page, checksum, watched)
-    return further.asked(result.verdict, text)
+    return further.asked(result, text)
 
 
 @contextmanager

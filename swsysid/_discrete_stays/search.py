@@ -10,7 +10,13 @@ import numpy as np
 from swsysid._discrete_stays.averages import Averages, parted_by_averages
 from swsysid._discrete_stays.data import DiscreteData
 from swsysid._discrete_stays.found import Found, lasting_only, with_both_noises, with_noise
-from swsysid._discrete_stays.more_modes import followed, parted_stays, with_more, without_rarest, without_twins
+from swsysid._discrete_stays.more_modes import (
+    followed,
+    parted_stays,
+    with_more,
+    without_rarest,
+    without_twins,
+)
 from swsysid._discrete_stays.row_search import RowSearch
 from swsysid._discrete_stays.rows import RowFit, of_modes, scale_of
 from swsysid._discrete_stays.states import RANKING_STEPS, with_states

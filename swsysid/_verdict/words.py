@@ -97,7 +97,7 @@ def table(comparison: Comparison, modes: str, names: Sequence[str]) -> list[str]
         if values is not None
     ]
     lines = [f"    {line}" for line in text_table([("", "<1", list(names)), *cells], gap="  ")]
-    if comparison.seen:
+    if comparison.seen and modes:
         has, are = ("has", "is") if modes == counted(1, "mode") else ("have", "are")
         seen = f"The {modes} {has} seen these samples too, and {are} no better even so."
         lines.append(f"    {seen}")

@@ -72,6 +72,25 @@ def test_modes_that_leave_nothing_but_noise_are_the_answer(tmp_path, capsys):
     assert "clearly better than one mode" in before and not after
 
 
+def test_a_ball_that_bounces_is_asked_for_jumps_though_no_stretch_lacks_anything(tmp_path, capsys):
+    t, h, v, clock = [], [], [], 0.0
+    place, speed = 1.0, 0.0
+    for _ in range(4):  # falls and impacts in closed form, both limits of each impact
+        hit = (speed + np.sqrt(speed**2 + 2 * 9.81 * place)) / 9.81
+        inside = np.arange(np.ceil(clock / 0.02) * 0.02, clock + hit, 0.02) - clock
+        for dt in [*inside[inside > 1e-9], hit]:
+            t.append(clock + dt)
+            h.append(max(0.0, place + speed * dt - 0.5 * 9.81 * dt**2))
+            v.append(speed - 9.81 * dt)
+        clock, place, speed = clock + hit, 0.0, -0.7 * v[-1]
+        t, h, v = [*t, clock], [*h, 0.0], [*v, speed]
+    words = written(tmp_path / "ball.csv", t=t, h=h, v=v)
+    _, after = printed([*words, "--states", "h", "v"], capsys)
+    assert "States jump" in after
+    # planted restitution of .7
+    assert float(re.search(r"v := (-\S+) v", after)[1]) == pytest.approx(-0.7, abs=1e-3)
+
+
 @pytest.mark.nightly
 def test_a_thermostat_is_an_automaton_and_no_vibration(tmp_path, capsys):
     step, T, heats, course = 0.02, 18.0, 1.0, []

@@ -32,8 +32,8 @@ MOST_LINES = {
     # switches that are none of a guard
     "_checks": 640,
     # one command for files, saved models, pages, pictures, bands, what is known; several laws only
-    # where one leaves more than noise; one law in place of modes that derivatives do not sustain; what
-    # a first answer asks for next
+    # where one leaves more than noise; one law in place of modes that derivatives do not sustain;
+    # what a first answer asks for next
     "_cli": 4600,
     # many recordings where they are, each condensed; inputs held, logged late or in levels;
     # features that are no sums of others
