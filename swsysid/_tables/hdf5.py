@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 from numpy.typing import NDArray
 
 from swsysid._tables.bounds import check_size
@@ -35,12 +36,21 @@ def _of_group(h5py: ModuleType, place: str, group: Mapping[str, object]) -> Iter
     for name, member in group.items():
         if isinstance(member, h5py.Group) and not name.startswith("#"):
             yield from _of_group(h5py, f"{place}/{name}", member)
-        if not isinstance(member, h5py.Dataset) or member.dtype.kind not in NUMERIC:
+        if not isinstance(member, h5py.Dataset):
             continue
-        if max(member.shape, default=0) == member.size > 1:
-            check_size(member.nbytes)
+        kind = member.id.get_type()
+        is_time = isinstance(kind, h5py.h5t.TypeTimeID)  # which NumPy has not; PyTables writes it
+        if not is_time and member.dtype.kind not in NUMERIC:
+            continue
+        if max(member.shape or (), default=0) == member.size and member.size > 1:
+            check_size(member.size * kind.get_size())
             columns, units = lengths.setdefault(member.size, ({}, {}))
-            columns[name] = member[()].ravel()
+            if is_time:  # whole seconds, in eight bytes behind whole microseconds
+                parts = np.empty((member.size, kind.get_size() // 4), "<i4")
+                member.id.read(h5py.h5s.ALL, h5py.h5s.ALL, parts, mtype=kind)
+                columns[name] = parts @ [1e-6, 1.0][-parts.shape[1] :]
+            else:
+                columns[name] = member[()].ravel()
             unit = member.attrs.get("units", member.attrs.get("unit", ""))
             units[name] = unit.decode() if isinstance(unit, bytes) else str(unit)
     for columns, units in lengths.values():

@@ -192,6 +192,14 @@ def test_equivariance_to_units_and_rows():
     np.testing.assert_array_equal(permuted.modes, reference.modes[rows])
 
 
+def test_columns_of_any_size_are_seen():
+    X, y, _, _ = draw(10, 2, 2, 0.3, seed=3)
+    reference = solve_mip(X, y, coef_bound=3.0)
+    small = solve_mip(1e-10 * X, y, coef_bound=3e10)  # HiGHS by itself leaves such columns out
+    np.testing.assert_allclose(1e-10 * small.coef, reference.coef, atol=1e-9)
+    assert small.objective == pytest.approx(reference.objective, rel=1e-9)
+
+
 def test_a_library_supplies_the_features():
     X = np.linspace(-2, 2, 12)[:, None]
     y = np.where(X > 0, 1.0 + X**2, -X)
