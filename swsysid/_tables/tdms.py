@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from swsysid._tables.table import NUMERIC, Table, on_clock
 
-
 _NO_START = np.datetime64("1904-01-01T00:00:00", "us")  # LabVIEW's zero, of clocks that have none
 
 
