@@ -6,6 +6,7 @@ squares and products neither overflow nor vanish.
 
 from __future__ import annotations
 
+from datetime import date, timedelta
 from numbers import Real
 
 import numpy as np
@@ -159,6 +160,8 @@ def refuse_unlike_numbers(name: str, values: object) -> NDArray:
     kind = array.dtype.kind
     if kind in "biuf":
         return array
+    if kind == "O" and hasattr(values, "isna"):  # pandas marks what is missing by an object
+        array = np.where(values.isna(), np.nan, array)
     if kind in _NO_NUMBERS:
         raise ValueError(_NO_NUMBERS[kind].format(name))
     if values is None:
@@ -166,6 +169,8 @@ def refuse_unlike_numbers(name: str, values: object) -> NDArray:
     for entry in array.ravel():
         if isinstance(entry, (str, bytes)):
             raise ValueError(_NO_NUMBERS["U"].format(name))
+        if isinstance(entry, date | timedelta):
+            raise ValueError(_NO_NUMBERS["M" if isinstance(entry, date) else "m"].format(name))
         if entry is not None and not isinstance(entry, Real):
             raise TypeError(
                 f"{name} holds a {type(entry).__name__}; each entry of this argument must be "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from swsysid._checks.arrays import (
     table,
 )
 from swsysid._checks.parameters import names_of_columns, shown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def column_names(
@@ -124,6 +127,7 @@ def rows_and_velocities(
         check_fitted(estimator)
     plain = refuse_unlike_numbers("X", X)
     if y is not None:
+        _refuse_other_order(X, y)
         y = refuse_unlike_numbers("y", y)
         _refuse_other_length(plain, y, "one velocity for each state")
     with _in_one_sentence():
@@ -145,6 +149,7 @@ def rows_and_classes(
         check_fitted(estimator)
     plain = refuse_unlike_numbers("X", X)
     if y is not None:
+        _refuse_other_order(X, y)
         y = plain_array("y", y)
         _refuse_other_length(plain, y, "one class")
         if y.size:
@@ -156,6 +161,32 @@ def rows_and_classes(
     if reset:
         refuse_vanishing("X", rows)
     return rows, classes
+
+
+@runtime_checkable
+class _Labelled(Protocol):
+    """A frame or a column of pandas."""
+
+    @property
+    def index(self) -> pd.Index:
+        """Labels of the rows."""
+
+    @property
+    def iloc(self) -> object:
+        """Rows by their place, which no list has."""
+
+
+def _refuse_other_order(X: object, y: object) -> None:
+    """Rows belong together by their place: the same labels in another order are a mistake."""
+    if not (isinstance(X, _Labelled) and isinstance(y, _Labelled)):
+        return
+    rows, own = X.index, y.index
+    same = rows.is_unique and len(rows) == len(own) and own.isin(rows).all()
+    if same and not rows.equals(own):
+        raise ValueError(
+            "X and y have the same row labels in another order; give y.loc[X.index], or take the "
+            "labels off with reset_index(drop=True)."
+        )
 
 
 def _refuse_other_length(X: NDArray, y: NDArray, what: str) -> None:
@@ -181,6 +212,7 @@ def _in_one_sentence() -> Iterator[None]:
 # Begin of what scikit-learn says, and what to do about it.
 _ADVICE = {
     "Input ": "leave those rows out, or fill them in",
+    "float() argument": "leave rows with missing entries out, or fill them in",
     "Found array with 0": "give at least one row and one column",
     "Found array with dim": "give a table with one row for each sample",
     "This ": "give y, one row for each row of X",

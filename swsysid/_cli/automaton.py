@@ -179,7 +179,7 @@ class _Identification:
         laws = HeldOutTrajectories(given, self.split, law, order, through_jumps=True)
         held_out = HeldOutAutomata(given, self.split, again, found, laws)
         judge, asked = Judge(held_out, self.terms), self.options.modes
-        words = replace(COMMAND_LINE, memory="")
+        words = replace(COMMAND_LINE, memory="", beside="")
         return judge.verdict(found, judge.judged(found, asked), asked, words=words)
 
     def _given(self, rows: NDArray[np.bool_] | slice) -> Given:

@@ -80,7 +80,7 @@ def shared_residual(
         return best
     for output, values in enumerate(residuals.T):
         size = np.abs(values[first]) + np.abs(values[second])
-        if size.mean() <= 2 * settings.rounding * spread[output]:
+        if not spread[output] or size.mean() <= 2 * settings.rounding * spread[output]:
             continue
         difference = np.abs(values[first] - values[second])
         share = 1.0 - float(difference.sum() / (_INDEPENDENT * size.sum()))

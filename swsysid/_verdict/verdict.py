@@ -58,6 +58,10 @@ class SwitchingVerdict:
         Whether the model leaves nothing but noise where it is told when to switch.
     memory : str
         Where each of two modes begins, if a guard remembers; else "".
+    remembers : bool
+        Whether that is why the modes predict no better than one law: an automaton tells it.
+    leaves_open : bool
+        Whether neither modes nor a smooth law explain the recordings: what one law lacks is asked.
     free, free_of_held_out : FreeRollouts or None
         What free rollouts leave of the recordings, and of those held out by a model of the others.
     """
@@ -244,7 +248,7 @@ class SwitchingVerdict:
         return {
             Verdict.SWITCHES: (
                 "Switching predicts the held-out samples clearly better than one mode: than the "
-                f"best smooth law that was tried, {law} ({sure})."
+                f"best smooth law that was tried, {law} ({sure}).{self._beside_them}"
             ),
             Verdict.CHANCE: (
                 f"Switching predicts the held-out samples better than {law}, which may be chance "
@@ -356,6 +360,13 @@ class SwitchingVerdict:
         """What to ask where modes by themselves leave the recordings they were found in."""
         astray = self.free is not None and not self.free.holds
         return f" {self.words.effects} asks what one law lacks in their place." if astray else ""
+
+    @property
+    def _beside_them(self) -> str:
+        """What to ask of modes that are there, where by themselves they leave the recordings."""
+        astray = self.free is not None and not (self.free.holds or self.free.hangs_on_start)
+        asked = self.words.beside.format(self.n_modes) if astray and not self.leaves_open else ""
+        return f" {asked} asks what they lack." if asked else ""
 
     @property
     def _asking(self) -> str:

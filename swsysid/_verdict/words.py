@@ -23,6 +23,7 @@ class Words:
     again: str = "Fit again with"
     memory: str = "a HybridAutomatonRegressor"
     effects: str = "EffectSearchCV"
+    beside: str = "EffectSearchCV"  # of so many modes
     hold_out: str = ""
     smooth: str = ""
     inputs: str = "the inputs"
@@ -41,13 +42,14 @@ class Words:
 
 
 PYTHON = Words()
-AUTOMATON = Words(memory="")
+AUTOMATON = Words(memory="", beside="")
 COMMAND_LINE = Words(
     one_mode="--modes 1",
     auto="--modes auto",
     again="Run again with",
     memory="--automaton",
     effects="--diagnose",
+    beside="--modes {} --diagnose",
     hold_out=", or hold out more of them (--test-fraction)",
     smooth=" (--window)",
     inputs="--inputs",

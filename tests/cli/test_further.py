@@ -10,6 +10,8 @@ import pytest
 from swsysid import HybridAutomatonRegressor, load_model
 from swsysid.__main__ import main
 
+NIGHTLY = pytest.mark.nightly
+
 
 def written(path, **columns):
     pd.DataFrame(columns).to_csv(path, index=False)
@@ -50,7 +52,7 @@ def test_where_modes_are_not_to_be_trusted_one_law_is_asked_what_it_lacks(late, 
     assert {path.name for path in out.iterdir()} >= {"report.html", "swsysid_diagnosis.html"}
 
 
-@pytest.mark.parametrize("wish", [["--modes", "2"], ["--quick"]])
+@pytest.mark.parametrize("wish", [pytest.param(["--modes", "2"], marks=NIGHTLY), ["--quick"]])
 def test_what_was_asked_for_is_all_that_is_asked(wish, late, tmp_path, capsys):
     before, after = printed([*late, *wish], capsys)
     assert "Do not trust the modes" in before and not after
