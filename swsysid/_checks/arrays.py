@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from datetime import date, timedelta
 from numbers import Real
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import issparse
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -28,6 +32,18 @@ _NO_NUMBERS = {
     "their own.",
     "V": "{} holds records with named fields; give a plain table of numbers.",
 }
+
+
+@runtime_checkable
+class Frame(Protocol):
+    """A frame or a column of pandas."""
+
+    @property
+    def index(self) -> pd.Index:
+        """Labels of the rows."""
+
+    def isna(self) -> ArrayLike:
+        """Which entries are missing."""
 
 
 def numbers(name: str, values: object, *, missing: bool = False) -> Array:
@@ -160,7 +176,7 @@ def refuse_unlike_numbers(name: str, values: object) -> NDArray:
     kind = array.dtype.kind
     if kind in "biuf":
         return array
-    if kind == "O" and hasattr(values, "isna"):  # pandas marks what is missing by an object
+    if kind == "O" and isinstance(values, Frame):  # pandas marks what is missing by an object
         array = np.where(values.isna(), np.nan, array)
     if kind in _NO_NUMBERS:
         raise ValueError(_NO_NUMBERS[kind].format(name))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from swsysid._checks.arrays import (
     Array,
+    Frame,
     labels,
     names_of,
     plain_array,
@@ -26,9 +27,6 @@ from swsysid._checks.arrays import (
     table,
 )
 from swsysid._checks.parameters import names_of_columns, shown
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def column_names(
@@ -163,22 +161,9 @@ def rows_and_classes(
     return rows, classes
 
 
-@runtime_checkable
-class _Labelled(Protocol):
-    """A frame or a column of pandas."""
-
-    @property
-    def index(self) -> pd.Index:
-        """Labels of the rows."""
-
-    @property
-    def iloc(self) -> object:
-        """Rows by their place, which no list has."""
-
-
 def _refuse_other_order(X: object, y: object) -> None:
     """Rows belong together by their place: the same labels in another order are a mistake."""
-    if not (isinstance(X, _Labelled) and isinstance(y, _Labelled)):
+    if not (isinstance(X, Frame) and isinstance(y, Frame)):
         return
     rows, own = X.index, y.index
     same = rows.is_unique and len(rows) == len(own) and own.isin(rows).all()
