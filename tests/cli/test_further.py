@@ -39,6 +39,7 @@ def late(tmp_path):
     return [*written(tmp_path / "late.csv", t=t, v=v, u=u), "--states", "v", "--inputs", "u"]
 
 
+@NIGHTLY
 def test_where_modes_are_not_to_be_trusted_one_law_is_asked_what_it_lacks(late, tmp_path, capsys):
     before, after = printed(late, capsys)
     assert "Do not trust the modes" in before and "--modes 2 leaves that out" in after
@@ -93,7 +94,7 @@ def test_a_ball_that_bounces_is_asked_for_jumps_though_no_stretch_lacks_anything
     assert float(re.search(r"v := (-\S+) v", after)[1]) == pytest.approx(-0.7, abs=1e-3)
 
 
-@pytest.mark.nightly
+@NIGHTLY
 def test_a_thermostat_is_an_automaton_and_no_vibration(tmp_path, capsys):
     step, T, heats, course = 0.02, 18.0, 1.0, []
     for number in range(5000):
