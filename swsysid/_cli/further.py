@@ -36,7 +36,7 @@ class Further:
         """Ask what the first answer leaves open, if anything, beside what was said `before`."""
         # a law of stretches between jumps lacks nothing that they show
         is_open = result.verdict.leaves_open or states_jump(result.samples, self.options)
-        if result.verdict.remembers:
+        if result.remembers:
             what, ask = "an automaton is identified, as by --automaton", self._memory
         elif is_open:
             what, ask = "what one law lacks is searched for, as by --diagnose", self._effects

@@ -25,6 +25,7 @@ from swsysid._stays.given import read_given
 from swsysid._tables.table import Table
 from swsysid._verdict.comparison import Comparison, Split, Verdict, hold_out
 from swsysid._verdict.held_out import free_of_records
+from swsysid._verdict.memory import memory
 from swsysid._verdict.rows import Rows, compared_rows
 from swsysid._verdict.settings import JUDGING
 from swsysid._verdict.terms import Terms
@@ -54,6 +55,17 @@ class JobResult:
     def comparison(self) -> Comparison:
         """The modes that were found beside smooth laws of one mode."""
         return self.verdict.comparison
+
+    @property
+    def memory(self) -> str:
+        """Where each of two modes begins, if a guard remembers; else ""."""
+        return memory(self.modes, self.samples) if self.model.n_modes_ == 2 else ""
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a guard that remembers is why no surface tells the modes."""
+        is_hidden = self.verdict.kind is Verdict.HIDDEN
+        return self.verdict.remembers or (is_hidden and bool(self.memory))
 
     @property
     def given_up(self) -> int | None:

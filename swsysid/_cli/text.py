@@ -14,7 +14,6 @@ from swsysid._effect_regressor import EffectRegressor
 from swsysid._rendering.printing import linear_combination, ordinal
 from swsysid._results import Array
 from swsysid._surfaces.surface import solves_margin_program
-from swsysid._verdict.memory import memory
 from swsysid._verdict.terms import Terms
 
 
@@ -189,7 +188,7 @@ def _guards(result: JobResult) -> str:
         "The same values of the columns are seen in different modes: these columns do not tell "
         "the modes apart.",
     ]
-    told = memory(result.modes, samples) if model.n_modes_ == 2 else ""
+    told = result.memory
     if told:
         lines.append(f"The modes have a memory (hysteresis): {told}.")
     lines.append(

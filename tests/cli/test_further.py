@@ -112,3 +112,22 @@ def test_a_thermostat_is_an_automaton_and_no_vibration(tmp_path, capsys):
     found = sorted(map(float, re.findall(r"where T [<>]= (\S+)", after)))
     assert found == pytest.approx([20.0, 22.0], abs=0.03)
     assert isinstance(load_model(tmp_path / "out" / "model.json"), HybridAutomatonRegressor)
+
+
+@NIGHTLY
+def test_where_a_guard_remembers_the_command_goes_on_to_an_automaton(tmp_path, capsys):
+    step, T, cools, course = 0.5, 8.0, 1.0, []
+    for number in range(40000):
+        cools = 1.0 if T >= 6.0 else 0.0 if T <= 3.0 else cools
+        T += step * ((21.0 - T) / 1800.0 - 0.02 * cools)
+        course += [T] * (number % 40 == 0)
+    t = 40 * step * np.arange(len(course))
+    T = np.array(course) + 0.05 * np.random.default_rng(5).standard_normal(len(t))
+    words = written(tmp_path / "fridge.csv", t=t, T=T)
+    before, after = printed([*words, "--states", "T"], capsys)
+    assert "(hysteresis): mode 0 begins below T" in before and after.startswith(
+        "an automaton is identified"
+    )
+    # thresholds of 6 and 3, passed by up to a hundredth in a step
+    found = sorted(map(float, re.findall(r"where T [<>]= (\S+)", after)))
+    assert found == pytest.approx([3.0, 6.0], abs=0.03)
