@@ -34,7 +34,7 @@ class Further:
 
     def asked(self, result: JobResult, before: str) -> int:
         """Ask what the first answer leaves open, if anything, beside what was said `before`."""
-        # a law of stretches between jumps lacks nothing that they show
+        # laws may follow all stretches between two jumps, and say nothing of the jumps
         is_open = result.verdict.leaves_open or states_jump(result.samples, self.options)
         if result.remembers:
             what, ask = "an automaton is identified, as by --automaton", self._memory
@@ -51,7 +51,9 @@ class Further:
             return 0
 
     def _effects(self, before: str) -> int:
-        found = diagnosed(self.table, self.options, all_effects(), True, self.watched)
+        found = diagnosed(
+            self.table, self.options, all_effects(), is_left_open=True, watched=self.watched
+        )
         return save_diagnosis(
             *found.saved, found.answer, self.folder, self.page, self.checksum, before
         )

@@ -59,7 +59,7 @@ def prepare(folder: Path, source: str, content: str) -> None:
 def results(folder: Path, adds: bool = False) -> Iterator[Path]:
     """A folder to write to; its files take the place of all that an earlier run has left.
 
-    With `adds` those of this run stay that have been written before.
+    With `adds` the files that this run has written before stay, too.
 
     Nothing is changed unless all of them are written, and two runs do not mix: one moves its files
     after the other.

@@ -23,7 +23,7 @@ class Words:
     again: str = "Fit again with"
     memory: str = "a HybridAutomatonRegressor"
     effects: str = "EffectSearchCV"
-    beside: str = "EffectSearchCV"  # of so many modes
+    beside: str = "EffectSearchCV"  # asks what modes that are there lack; {} is their number
     hold_out: str = ""
     smooth: str = ""
     inputs: str = "the inputs"
